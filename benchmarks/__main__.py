@@ -60,14 +60,12 @@ def options_of(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--data", type=Path, metavar="DIR", help="measured days, files of the long roll")
     parser.add_argument("--folder", metavar="DIR", help="of cases without truth")
     parser.add_argument("--out", metavar="PATH", help="for lines of cases, documents of a folder, figures")
-    parser.add_argument("--peers", metavar="DIR", help="site-packages with pyharm and pyshtools, for the gradient")
     parser.add_argument("--first", type=int, default=0, help="number of the first case of the fuzzing, or mutant")
     parser.add_argument("--workers", type=int, default=2, help="processes that run cases")
-    parser.add_argument("--rounds", type=int, help="how often each thing is timed")
     parser.add_argument("--events", type=int, help="of the campaigns, by default 20, and of the joint search")
     parser.add_argument("--windows", action="store_true", help="windows of manoeuvres in the campaign, not days")
     options = parser.parse_args(words)
-    options.rounds = options.rounds or (2 if options.quick else 7)
+    options.rounds = 2 if options.quick else 7
     options.settings = dict(text.split("=", 1) for text in options.set)
     if options.names[:1] == ["folder"]:
         options.folder, options.names = options.folder or options.names[-1], ["folder"]

@@ -1,4 +1,4 @@
-"""A whole day: what it costs from files to page, how much memory, and what a second run costs."""
+"""A whole day: what it costs from files to page, and how much memory."""
 
 import os
 import subprocess
@@ -13,32 +13,20 @@ from benchmarks.tables import CLI, Figure, at_most, say, show, title
 
 
 def day(options) -> list[Figure]:
-    """Simulate a full day of files, calibrate it, and calibrate it again: nothing to do, against start-up alone."""
+    """Simulate a full day of files and calibrate it; what a second run costs is a figure of the campaign."""
     title("day: seven manoeuvres in a full day of Level-1 files (ACC1A 864,000 records)")
     with tempfile.TemporaryDirectory() as folder:
         files, store = Path(folder) / "level1", os.environ | {"GRAVCAL_PRODUCTS": f"{folder}/products"}
         words = ["simulate", "com_offset", "--out", str(files), "--seed", str(options.seed), "--set", "span=day"]
         simulated, spent = _peak([*CLI, *words], os.environ)
         say(f"simulated and written in {spent:.1f} s, {sum(p.stat().st_size for p in files.iterdir()) / 1e6:.0f} MB\n")
-        command = [*CLI, "run", "com_offset", "--data", str(files)]
-        peak, spent = _peak([*command, "--engine", "inline"], store)
-        figures = [
+        peak, spent = _peak([*CLI, "run", "com_offset", "--data", str(files), "--engine", "inline"], store)
+    return show(
+        [
             at_most("peak memory of gravcal simulate", simulated, 2.0, " GiB"),
             at_most("peak memory of gravcal run, empty store", peak, 2.0, " GiB"),
             at_most("gravcal run, empty store, files to page", spent, 10.0, " s"),
         ]
-        show(figures)
-        pairs = [[watch.command(one, store) for one in (command, [*CLI, "--help"])] for _ in range(options.rounds + 1)]
-    again, start = zip(*pairs[1:], strict=True)
-    wall, processor = ([a[i] - b[i] for a, b in pairs[1:]] for i in (0, 1))
-    return figures + show(
-        [
-            watch.seconds("gravcal run, nothing to do", [one[0] for one in again]),
-            watch.seconds("gravcal --help, start-up", [one[0] for one in start]),
-            at_most("nothing to do beyond start-up", watch.middle(wall), 1.0, " s", watch.span(wall)),
-            watch.seconds("  of it processor time", processor),
-        ],
-        "min .. max",
     )
 
 

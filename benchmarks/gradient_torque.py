@@ -1,8 +1,6 @@
 """Gravity gradient along an orbit against other packages, recovery of the drag, and what an angular reading shows."""
 
-import os
 import statistics
-import sys
 import time
 
 import numpy as np
@@ -26,9 +24,8 @@ SEEN = 5.0  # matched signal over noise
 POINTING = 5e-3  # rad: aligned axes feel no torque of a sphere
 
 
-def gradient_speed(options) -> list[Figure]:
-    """Times of all candidates on one core; pyharm and pyshtools where installed, or in --peers (GRAVCAL_PEERS)."""
-    sys.path.extend(filter(None, [options.peers or os.environ.get("GRAVCAL_PEERS")]))
+def gradient_speed(_options) -> list[Figure]:
+    """Times of all candidates on one core; pyharm and pyshtools where they can be imported."""
     position, figures = orbit_points(), []
     for degree in (60, 200):
         title(f"gradient: degree {degree}, {EPOCHS} epochs, one thread, least processor time")

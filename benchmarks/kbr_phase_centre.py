@@ -20,7 +20,7 @@ from gravcal.simulation import kbr_phase_centre as simulation
 
 chain = of_tests("calibrations.kbr_campaign")
 DAY = 653011200.0 - 43200.0
-ORBIT_HZ = 1 / 5670.0
+ORBIT_HZ, STEP_S = 1 / 5670.0, 5.0
 ASKED_MM = {"x": 0.5, "y": 0.02, "z": 0.02}  # with benign noise
 EXACT = 10  # campaigns of which the exact scatter is computed
 
@@ -97,40 +97,35 @@ def true_lags(invented, step):
 
 def bound(equations, invented):
     """Cramer-Rao bound (6,) m: true noise, and per wiggle a bias, 1 and 2 cycles per revolution."""
-    step, lags = 5.0, true_lags(invented, 5.0)
-    time_, lever = equations["time_kbr"].values, equations["lever"].values
-    total = np.zeros((6, 6))
-    for index in of_manoeuvres(equations):
-        t = time_[index] - time_[index[0]]
-        phase = 2 * np.pi * ORBIT_HZ * t
-        slow = [np.ones_like(t), np.cos(phase), np.sin(phase), np.cos(2 * phase), np.sin(2 * phase)]
-        matrix = noises.covariance_matrix(lags, np.rint(t / step).astype(int), lever[index])
-        clean, _ = projected(equations["column"].values[index], np.column_stack(slow), matrix)
-        total += clean.T @ clean
-    return np.sqrt(np.diag(np.linalg.inv(total)))
+    true = true_lags(invented, STEP_S)
+
+    def slow(time_, _):
+        phase = 2 * np.pi * ORBIT_HZ * (time_ - time_[0])
+        return np.column_stack([np.ones_like(phase), *(f(n * phase) for n in (1, 2) for f in (np.cos, np.sin))])
+
+    return scatter(equations, true, true, slow)
 
 
 def exact_scatter(equations, measured, invented, degree):
     """Scatter (6,) m of the least-squares estimate from the range: its weights under the true noise."""
-    step = 5.0
-    assumed, true = noises.lags(measured, 0, 800), true_lags(invented, step)
+    slow = functools.partial(noises.slow_columns, degree=degree, derivative=0)
+    return scatter(equations, noises.lags(measured, 0, 800), true_lags(invented, STEP_S), slow)
+
+
+def scatter(equations, assumed, true, slow):
+    """Scatter (6,) m of least squares weighted by assumed covariances by lag, under true ones; slow columns free."""
     time_, lever, segment = (equations[n].values for n in ("time_kbr", "lever", "segment"))
     normal, spread = np.zeros((6, 6)), np.zeros((6, 6))
     for index in of_manoeuvres(equations):
-        place = np.rint((time_[index] - time_[index[0]]) / step).astype(int)
-        slow = noises.slow_columns(time_[index], segment[index], degree, 0)
+        place = np.rint((time_[index] - time_[index[0]]) / STEP_S).astype(int)
         matrix = noises.covariance_matrix(assumed, place, lever[index])
-        clean, factor = projected(equations["column"].values[index], slow, matrix)
+        factor = cholesky(matrix, lower=True)
+        columns = np.column_stack([equations["column"].values[index], slow(time_[index], segment[index])])
+        white = solve_triangular(factor, columns, lower=True)
+        clean = without(white[:, 6:], white[:, :6])
         weights = solve_triangular(factor, clean, lower=True, trans=1)
         noise = noises.covariance_matrix(true, place, lever[index])
         normal += clean.T @ clean
         spread += weights.T @ (np.tril(noise) + np.tril(noise, -1).T) @ weights
     inverse = np.linalg.inv(normal)
     return np.sqrt(np.diag(inverse @ spread @ inverse))
-
-
-def projected(column, slow, matrix):
-    """Columns whitened by a covariance, the slow part projected out, and the Cholesky factor."""
-    factor = cholesky(matrix, lower=True)
-    white = solve_triangular(factor, np.column_stack([column, slow]), lower=True)
-    return without(white[:, 6:], white[:, :6]), factor

@@ -1,7 +1,10 @@
-"""The command line in this process."""
+"""The command line in this process, and servers on loopback for what it asks."""
 
+import contextlib
 import json
 import sys
+import threading
+from http.server import ThreadingHTTPServer
 from pathlib import Path
 
 import pytest
@@ -34,3 +37,16 @@ def document(word, calibration, data, *options, origin="simulated"):
     validate(found, "discovery" if word == "discover" else None)
     assert found["origin"] == origin
     return result.exit_code, found
+
+
+@contextlib.contextmanager
+def serving(handler):
+    """Address of a server on this machine that answers by a handler until the end."""
+    with ThreadingHTTPServer(("127.0.0.1", 0), handler) as server:
+        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
+        thread.start()
+        try:
+            yield f"http://127.0.0.1:{server.server_port}"
+        finally:
+            server.shutdown()
+            thread.join()

@@ -87,8 +87,11 @@ def test_manoeuvres_together_are_one_least_squares():
     assert_allclose(whole.scaled(-1e6, "um").sigma, 1e6 * whole.sigma)
 
 
-def test_what_is_not_determined_is_no_number():
-    """Contract: a turn about one axis alone tells nothing of what lies along it."""
+def test_what_is_not_determined_or_missing_is_no_number_and_has_no_weight():
+    """Contract: a turn about one axis alone tells nothing of what lies along it; NaN is left out.
+
+    A wrong shape and a short record are errors that say so.
+    """
     rng = seeds.generator("undetermined", 0)
     time, zero = 0.1 * np.arange(600), np.zeros((600, 3))
     rate_dot = np.stack([1e-6 * np.sin(time), 0 * time, 0 * time], axis=1)
@@ -96,11 +99,6 @@ def test_what_is_not_determined_is_no_number():
     found = com_offset.estimate(zero, rate_dot, np.zeros((600, 3, 3)), zero, time, noise)
     assert np.isnan(found.value).tolist() == np.isnan(found.sigma).tolist() == [True, False, False]
     assert "not determined" in str(found)
-
-
-def test_missing_samples_carry_no_weight_and_shapes_are_checked():
-    """Contract: NaN is left out; a wrong shape and a short record are errors that say so."""
-    rng = seeds.generator("missing", 0)
     given = list(manoeuvre(rng, np.zeros(3)))
     given[3][500:700] = np.nan
     assert com_offset.estimate(*given).dof == 3 * (1600 - 6) - 3

@@ -46,7 +46,10 @@ def layer(name):
 
 
 def test_imports_are_those_of_the_table_and_point_down():
-    """Contract: the table of docs/architecture.md, from top to bottom, is what the layers import."""
+    """Contract: the table of docs/architecture.md, from top to bottom, is what the layers import.
+
+    Prefect is known to flows and tasks only, xarray to those that hold datasets.
+    """
     rows = re.findall(r"^\| `(\w+)` \|.*\|([\w, ]*)\|$", (ROOT / "docs" / "architecture.md").read_text(), re.MULTILINE)
     stated = {name: set(filter(None, map(str.strip, below.split(",")))) for name, below in rows}
     found = {name: set() for name in stated}
@@ -58,10 +61,6 @@ def test_imports_are_those_of_the_table_and_point_down():
     order = list(stated)
     up = {(own, one) for own in order for one in stated[own] if order.index(one) <= order.index(own)}
     assert up == {("store", "io")}
-
-
-def test_libraries_stay_in_their_layers():
-    """Contract: Prefect is known to flows and tasks only, xarray to those that hold datasets."""
     layers = {"prefect": set(), "xarray": set()}
     for name, path in modules().items():
         for top in layers.keys() & {imported.split(".")[0] for imported in imports(path)}:

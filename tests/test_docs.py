@@ -9,6 +9,7 @@ from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+from commands import gravcal
 
 from flows.calibration import known
 
@@ -46,16 +47,17 @@ def site(tmp_path_factory):
     return out / "html"
 
 
-def test_every_page_is_in_the_site(site):
-    """Contract: each page of docs, README and changes, and the pictures."""
+def test_every_page_is_in_the_site_and_needs_no_network(site):
+    """Contract: each page of docs, README and changes, one for each calibration reached from the first, the pictures.
+
+    Scripts, styles, fonts and pictures come from the site itself.
+    """
     built = {path.stem for path in site.glob("*.html")}
     assert {path.stem for path in DOCS.glob("*.md")} <= built
     assert "Eight calibrations, one chain" in (site / "overview.html").read_text()
     assert list((site / "_images").glob("*.png"))
-
-
-def test_the_site_needs_no_network(site):
-    """Contract: scripts, styles, fonts and pictures come from the site itself."""
+    first = (site / "index.html").read_text()
+    assert [name for name in known() if f'href="{name}.html"' not in first] == []
     for page in site.glob("*.html"):
         seen = Loads()
         seen.feed(page.read_text())
@@ -65,50 +67,36 @@ def test_the_site_needs_no_network(site):
         assert not re.findall(r"(?:url\(|@import)\s*['\"]?(?:https?:)?//", style.read_text()), style.name
 
 
-def test_every_calibration_has_a_page_in_the_site(site):
-    """Contract: one page for each calibration, reached from the first page."""
-    first = (site / "index.html").read_text()
-    missing = [name for name in known() if f'href="{name}.html"' not in first]
-    assert missing == []
-
-
-def steps(page):
-    """What a page says to type or to write, in order: (language, text)."""
-    return BLOCK.findall((DOCS / f"{page}.md").read_text())
-
-
-def perform(language, text, folder, environment):
-    """Do one block of a page in a folder; the environment after it."""
+def perform(language, text, folder, exported):
+    """Do one block of a page in a folder, with what was exported before; commands of ours alone in this process."""
     if language == "toml":
         path = folder / re.match(r"# (\S+)", text).group(1)
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text)
         return
-    if language == "python":
-        run((sys.executable, "-c", text), folder, environment)
-        return
-    for line in text.splitlines():
+    for line in [text] if language == "python" else filter(None, text.splitlines()):
         if line.startswith("export "):
             name, _, value = line.removeprefix("export ").partition("=")
-            environment[name] = str(folder / value)
-        elif line.strip() and not line.startswith(ENDLESS):
-            run(("bash", "-c", line), folder, environment)
-
-
-def run(command, folder, environment):
-    """Run a command that must succeed."""
-    done = subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-    assert done.returncode == 0, f"{shlex.join(command)}\n{done.stdout}\n{done.stderr}"
+            exported[name] = str(folder / value)
+        elif line.startswith("gravcal ") and not line.startswith(ENDLESS):
+            with pytest.MonkeyPatch.context() as patch:
+                patch.chdir(folder)
+                for name, value in exported.items():
+                    patch.setenv(name, value)
+                assert gravcal(*shlex.split(line)[1:]) == 0, line
+        elif not line.startswith(ENDLESS):
+            command = (sys.executable, "-c", line) if language == "python" else ("bash", "-c", line)
+            known = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"} | exported
+            done = subprocess.run(command, cwd=folder, env=known, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
 
 
 @pytest.mark.parametrize("page", TYPED)
 def test_what_a_page_says_works_in_an_empty_folder(page, tmp_path):
     """Contract: every block of shell, TOML and Python of the page, in order, without a change."""
-    programs = str(Path(sys.executable).parent)
-    environment = os.environ | {"PATH": f"{programs}{os.pathsep}{os.environ['PATH']}"}
-    folder = tmp_path / "empty"
+    folder, exported = tmp_path / "empty", {}
     folder.mkdir()
-    blocks = steps(page)
+    blocks = BLOCK.findall((DOCS / f"{page}.md").read_text())
     assert blocks
     for language, text in blocks:
-        perform(language, text, folder, environment)
+        perform(language, text, folder, exported)

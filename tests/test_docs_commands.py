@@ -1,7 +1,7 @@
 """Every command line of the README and of the pages of docs is typed, on simulated days or on measured ones.
 
-Placeholders are filled in (DIR, FOLDER, EVENT, FILE), archives come from a server on loopback, and runs go without
-Prefect, which the lines of the first steps take (test_docs.py). What goes on until it is ended is ended. The lines for
+Placeholders are filled in (DIR, FOLDER, EVENT, FILE), archives come from a server on loopback, runs go without Prefect.
+What goes on until it is ended is ended. Pages that are typed as a whole are those of test_docs.py. The lines for
 a Prefect server of one's own are typed by tests/flows/test_serve.py.
 """
 
@@ -13,11 +13,11 @@ import shlex
 import signal
 import subprocess
 import sys
-import threading
 import urllib.request
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 
+import commands
 import pytest
 import typer
 
@@ -43,13 +43,15 @@ DAYS = {  # what is simulated for --data DIR by calibration, for the event that 
     "day": ("com_offset", "--effect", "torque.dipole_gain.rod_y=0.03"),
 }
 EVENT = "grace-c-2020-02-01"
-FOLDERS = {"2003-09-14": "grace-2003-09-14/binary", "2014-01-15": "grace-2014-01-15"}
+FOLDERS = {"2003-09-14": "grace-2003-09-14/binary"}
 #: Lines whose words are read and no more, and the tests that do what they say.
 READ = {
     "python -m benchmarks": "tests/test_published_methods.py",
     "serve --": "tests/flows/test_serve.py",
     "--limits": "tests/flows/test_cli.py, with magnetometer",
     "discover com_offset EVENT --model": "tests/calibrations/com_offset/test_model_error.py",
+    "discover thrusters": "tests/discovery/test_measured_records.py, of the other satellite on that day",
+    "discover ranging": "tests/calibrations/test_ranging_days.py, on that day",
 }
 
 
@@ -117,11 +119,9 @@ def typing(place, monkeypatch):
 def gravcal(*words):
     """Run the command in this process; what it printed. It must deliver, the published processing with doubts."""
     said = io.StringIO()
-    with pytest.MonkeyPatch.context() as patch, contextlib.redirect_stdout(said):
-        patch.setattr(sys, "argv", ["gravcal", *map(str, words)])
-        with pytest.raises(SystemExit) as ended:
-            cli.main()
-    assert (ended.value.code or 0) in ((0, 4) if "method=published" in words else (0,)), said.getvalue()
+    with contextlib.redirect_stdout(said):
+        code = commands.gravcal(*words)
+    assert code in ((0, 4) if "method=published" in words else (0,)), said.getvalue()
     return said.getvalue()
 
 
@@ -203,16 +203,9 @@ class Archive(BaseHTTPRequestHandler):
 @pytest.mark.parametrize("line", of_kind("fetch"))
 def test_a_line_fetches(line, typing):
     """Contract: from a server on loopback in place of the archive named or meant."""
-    with ThreadingHTTPServer(("127.0.0.1", 0), Archive) as server:
-        thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
-        thread.start()
-        try:
-            place = f"http://127.0.0.1:{server.server_port}"
-            expected = "RL04.ascii.ACX2" if "--dry-run" in line else "compression only"
-            assert expected in typing(re.sub(r" --from \S+", "", line), "--from", place)
-        finally:
-            server.shutdown()
-            thread.join()
+    with commands.serving(Archive) as address:
+        expected = "RL04.ascii.ACX2" if "--dry-run" in line else "compression only"
+        assert expected in typing(re.sub(r" --from \S+", "", line), "--from", address)
 
 
 def test_the_other_lines_of_fetch_name_archives_that_are_known():

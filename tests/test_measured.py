@@ -42,41 +42,45 @@ def results(tmp_path_factory):
 
 
 @pytest.mark.parametrize("letter", sorted(FIGURES))
-def test_no_manoeuvre_is_said_so(results, letter):
-    """Contract: exit code 3, status no_manoeuvre, a valid document without an offset."""
+def test_no_manoeuvre_is_said_so_and_every_check_that_can_be_made_is_passed(results, letter):
+    """Contract: exit code 3, status no_manoeuvre, a valid document without an offset.
+
+    Two orbit products, attitude, field: nothing fails, and each is far from its limit; residuals of the fitted dynamics
+    over 100 s of control stay below 5 urad on every axis.
+    """
     code, document, _ = results[letter]
     assert code == 3
     assert document["status"] == "no_manoeuvre"
     assert document["manoeuvres"] == []
     assert "variants" not in document
     validate(document)
+    checks = {one["name"]: one for one in document["checks"]}
+    assert len(checks) == 10
+    assert all(one["passed"] for one in checks.values())
+    assert checks["orbit products"]["value"] < 0.05  # m
+    assert checks["position against velocity"]["value"] < 1e-3  # m/s
+    assert checks["attitude against orbit"]["value"] < 1.5  # deg
+    assert max(document["attitude"]["rms_urad"]) < 5
+    assert document["attitude"]["samples"] > 90
 
 
 @pytest.mark.parametrize("letter", sorted(FIGURES))
-def test_the_field_at_midnight_is_the_printed_one(results, letter):
-    """Published: IGRF-14 in the body to the printed nanotesla, carried from the first samples back to midnight."""
+def test_field_and_magnetometer_at_midnight_are_the_printed_ones(results, letter):
+    """Published: IGRF-14 in the body to the printed nanotesla, carried from the first samples back to midnight.
+
+    First reading of MAG1B in SRF, same axes, same signs; bias over 50 s lies near the difference, and rms^2 = bias^2 +
+    scatter^2 of some nT.
+    """
     _, document, field = results[letter]
-    assert document["field_check"]["model"] == "IGRF-14"
+    check, (model, reading) = document["field_check"], FIGURES[letter]
+    assert check["model"] == "IGRF-14"
     time = field["time_mag"].values[:20] - MIDNIGHT
     at_midnight = [np.polyval(np.polyfit(time, 1e9 * field["model_b"].values[:20, c], 2), 0.0) for c in range(3)]
-    assert_allclose(at_midnight, FIGURES[letter][0], atol=0.6)  # half a nanotesla of rounding
-
-
-@pytest.mark.parametrize("letter", sorted(FIGURES))
-def test_the_magnetometer_at_midnight_is_the_printed_one(results, letter):
-    """Published: first reading of MAG1B in SRF, same axes, same signs."""
-    field = results[letter][2]
-    assert_allclose(1e9 * field["measured_b"].values[0], FIGURES[letter][1], atol=0.5)  # rounding
-
-
-@pytest.mark.parametrize("letter", sorted(FIGURES))
-def test_bias_and_rms_are_those_of_the_difference(results, letter):
-    """Published: bias over 50 s lies near the difference at midnight, and rms^2 = bias^2 + scatter^2 of some nT."""
-    check = results[letter][1]["field_check"]
+    assert_allclose(at_midnight, model, atol=0.6)  # half a nanotesla of rounding
+    assert_allclose(1e9 * field["measured_b"].values[0], reading, atol=0.5)  # rounding
     bias, rms = np.array(check["bias_nt"]), np.array(check["rms_nt"])
-    assert_allclose(bias, np.subtract(FIGURES[letter][1], FIGURES[letter][0]), atol=25)  # nT of change in 50 s
-    scatter = np.sqrt(rms**2 - bias**2)
-    assert np.all(scatter < 15)
+    assert_allclose(bias, np.subtract(reading, model), atol=25)  # nT of change in 50 s
+    assert np.all(np.sqrt(rms**2 - bias**2) < 15)
     assert np.all(np.array(check["max_nt"]) >= rms)
     assert check["samples"] == 100
 
@@ -89,22 +93,3 @@ def test_roll_answers_the_torque_as_published(results):
     satellite = catalog.satellite("C").settings()
     assumed = satellite["dipole_per_current"][0] / satellite["inertia"][0][0]
     assert abs(found["value"] - assumed) < 3 * found["sigma"]
-
-
-@pytest.mark.parametrize("letter", sorted(FIGURES))
-def test_records_as_measured_pass_every_check_that_can_be_made(results, letter):
-    """Contract: two orbit products, attitude, field: nothing fails, and each is far from its limit."""
-    checks = {one["name"]: one for one in results[letter][1]["checks"]}
-    assert len(checks) == 10
-    assert all(one["passed"] for one in checks.values())
-    assert checks["orbit products"]["value"] < 0.05  # m
-    assert checks["position against velocity"]["value"] < 1e-3  # m/s
-    assert checks["attitude against orbit"]["value"] < 1.5  # deg
-
-
-@pytest.mark.parametrize("letter", sorted(FIGURES))
-def test_the_attitude_is_followed_to_the_noise_of_the_star_cameras(results, letter):
-    """Contract: residuals of the fitted dynamics over 100 s of control stay below 5 urad on every axis."""
-    attitude = results[letter][1]["attitude"]
-    assert max(attitude["rms_urad"]) < 5
-    assert attitude["samples"] > 90

@@ -33,38 +33,31 @@ def study():
     return {"seed": seed, "errors": np.array(rows), "chi2": chi2, "dof": dof, "between": np.array(between)}
 
 
-def test_every_component_of_every_variant_is_determined(study):
-    """Recovery: seven manoeuvres leave nothing open."""
-    assert np.isfinite(study["errors"]).all(), f"GRAVCAL_TEST_SEED={study['seed']}"
+def test_errors_scatter_as_their_sigma_says_without_bias(study):
+    """Recovery: seven manoeuvres leave nothing open; errors over sigma are those of chance.
 
-
-def test_errors_scatter_as_their_sigma_says(study):
-    """Recovery: sum of (error/sigma)^2 per variant and axis in its chi-square interval, level shared by twelve."""
+    Sum of (error/sigma)^2 per variant and axis in its chi-square interval, level shared by twelve; mean within its
+    interval plus the 0.2 sigma that the contract allows.
+    """
+    said = f"GRAVCAL_TEST_SEED={study['seed']}"
+    assert np.isfinite(study["errors"]).all(), said
     low, high = stats.chi2.interval(1 - LEVEL / 24, COUNT)
     total = np.sum(study["errors"] ** 2, axis=0)
-    assert ((low < total) & (total < high)).all(), f"GRAVCAL_TEST_SEED={study['seed']}: {total}"
-
-
-def test_errors_have_no_bias(study):
-    """Recovery: mean of error/sigma within its interval plus the 0.2 sigma that the contract allows."""
+    assert ((low < total) & (total < high)).all(), f"{said}: {total}"
     mean = np.abs(study["errors"].mean(axis=0))
-    limit = 0.2 + stats.norm.ppf(1 - LEVEL / 48) / np.sqrt(COUNT)
-    assert np.all(mean < limit), f"GRAVCAL_TEST_SEED={study['seed']}: {mean}"
+    assert np.all(mean < 0.2 + stats.norm.ppf(1 - LEVEL / 48) / np.sqrt(COUNT)), f"{said}: {mean}"
 
 
-def test_manoeuvres_of_one_event_agree(study):
+def test_manoeuvres_and_measured_angular_accelerations_of_one_event_agree(study):
     """Recovery: chi-square of the manoeuvres over all events; true divisors lie at the centre of their prior.
 
-    The three modes of a prior are then fitted to noise, which takes up to three degrees of freedom an event.
+    The three modes of a prior are then fitted to noise, which takes up to three degrees of freedom an event. Of acc
+    against sca is without the prior; 3 degrees of freedom an event.
     """
     for name, chi2, dof in zip(VARIANTS, study["chi2"], study["dof"], strict=True):
         fitted = 3 * COUNT if name != "sca" else 0
         low, high = stats.chi2.ppf(LEVEL / 8, dof - fitted), stats.chi2.ppf(1 - LEVEL / 8, dof)
         assert low < chi2 < high, f"{name}, GRAVCAL_TEST_SEED={study['seed']}"
-
-
-def test_measured_angular_accelerations_of_one_event_agree(study):
-    """Recovery: chi-square of acc against sca over all events, without the prior; 3 degrees of freedom an event."""
     chi2, dof = study["between"].sum(axis=0)
     low, high = stats.chi2.interval(1 - LEVEL, dof)
     assert low < chi2 < high, f"GRAVCAL_TEST_SEED={study['seed']}"

@@ -57,18 +57,16 @@ def installed(wheel, tmp_path_factory):
     return folder / "bin"
 
 
-def test_every_file_of_the_packages_is_in_the_wheel(wheel):
-    """Contract: tables of readers, catalogue, schemas, coefficients and templates are shipped."""
+def test_every_file_of_the_packages_is_in_the_wheel_and_nothing_else(wheel):
+    """Contract: tables of readers, catalogue, schemas, coefficients and templates are shipped; no tests, no benchmarks.
+
+    Four packages, the licence and the record of the wheel.
+    """
     names = set(zipfile.ZipFile(wheel).namelist())
     files = [path for name in PACKAGES for path in (ROOT / name).rglob("*") if path.is_file()]
     wanted = {path.relative_to(ROOT).as_posix() for path in files if "__pycache__" not in path.parts}
     assert {".py", ".toml", ".csv", ".json", ".shc", ".html", ".css", ".js"} <= {Path(name).suffix for name in wanted}
     assert not wanted - names
-
-
-def test_nothing_else_is_in_the_wheel(wheel):
-    """Contract: four packages, the licence and the record of the wheel; no tests, no benchmarks."""
-    names = zipfile.ZipFile(wheel).namelist()
     assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == set(PACKAGES)
     assert any(name.endswith("licenses/LICENSE") for name in names)
 

@@ -277,15 +277,11 @@ def test_a_new_user_finds_by_clicks_alone(at, failing, path):
         assert "A gain is named." in browser.find_element("css selector", ".verdict").text
 
 
-def test_what_has_no_result_says_why(at):
-    """Contract: an event without data says so."""
+def test_keys_are_shown_on_demand_and_what_has_no_result_says_why(at, day):
+    """Contract: no hash before it is asked for; an event without data says so."""
     browser = at("/")
     click(browser, "grace-d-2022-01-01")
     assert "no data" in browser.find_element("css selector", ".verdict.bad").text
-
-
-def test_keys_are_shown_on_demand(at, day):
-    """Contract: no hash before it is asked for."""
     browser = at("/products")
     key = day["again"]["mtq"].key[:12]
     assert key not in browser.find_element("tag name", "main").text

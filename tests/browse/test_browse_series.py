@@ -69,7 +69,10 @@ def test_nan_is_left_out_of_a_range():
 
 
 def test_difference_of_shifted_grids_interpolates():
-    """Analytic: a straight line minus itself on another grid is zero; gaps of the second are not bridged."""
+    """Analytic: a straight line minus itself on another grid is zero; gaps of the second are not bridged.
+
+    Two series that do not overlap have no difference.
+    """
     x, u = np.arange(0.0, 100.0, 1.0), np.arange(10.25, 60.0, 0.5)
     at, rest = series.difference(series_of(x, 3 * x), series_of(u, 3 * u))
     assert (at[0], at[-1]) == (11.0, 59.0)
@@ -77,11 +80,6 @@ def test_difference_of_shifted_grids_interpolates():
     holed = np.concatenate([u[:20], u[60:]])
     at, rest = series.difference(series_of(x, 3 * x), series_of(holed, 3 * holed))
     assert np.isnan(rest[(at > holed[19]) & (at < holed[20])]).all()
-
-
-def test_differences_of_strangers_are_empty():
-    """Contract: two series that do not overlap have no difference."""
-    x = np.arange(100.0)
     assert series.difference(series_of(x, x), series_of(x + 1e6, x))[0].size == 0
     assert series.difference(series_of(x, x), series_of(x + 1e6, x), shift=-1e6)[0].size == 100
 

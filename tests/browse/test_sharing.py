@@ -35,6 +35,8 @@ def test_an_event_leaves_in_one_zip(shop, tmp_path, capsys):
     assert [one["name"].split("/")[1] for one in made_of["inputs"]] == ["com_offset.solve.mtq", "com_offset.solve.acc"]
     assert [bool(one["inputs"][0]["record"]) for one in made_of["inputs"]] == [True, False]  # written out once
     assert gravcal("export", EVENT, "--out", out) == 1
+    with pytest.raises(ProductError, match="gravcal run"):
+        export.export("nothing", tmp_path / "x.zip")
     assert gravcal("export", EVENT, "--out", tmp_path / "folder", "--as", "nothing") == 1
     assert gravcal("export", EVENT, "--out", tmp_path / "folder", "--json", "-") == 0
     assert sorted(files) == json.loads(capsys.readouterr().out)["files"]
@@ -88,9 +90,3 @@ def test_an_event_is_a_tree_with_groups_by_stage_in_memory_and_in_one_file(tmp_p
         assert {"/com_offset/align", "/com_offset/solve/mtq", "/com_offset/solve/acc"} <= set(opened.groups)
         assert opened["com_offset/solve/mtq"].attrs["stage"] == "com_offset.solve.mtq"
         assert opened["com_offset/align/acceleration_b"].attrs["frame"] == "b"
-
-
-def test_no_event_without_a_report(store_folder, tmp_path):
-    """Contract: an error that says what to do."""
-    with pytest.raises(ProductError, match="gravcal run"):
-        export.export("nothing", tmp_path / "x.zip")

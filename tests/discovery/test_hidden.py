@@ -2,8 +2,8 @@
 
 import numpy as np
 from commands import document
-from draws import ALARM, MISSED, clean, enough
 from independent import make_event
+from seeds import ALARM, MISSED, clean, enough
 
 RNG_LEVEL = 2e-4 + 2 * ALARM + 3 * MISSED  # of all its draws, see seeds.py
 

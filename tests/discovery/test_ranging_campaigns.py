@@ -4,8 +4,8 @@ from unittest import mock
 
 import numpy as np
 from commands import document as document_of
-from draws import ALARM, MISSED, clean, enough
 from independent import damage
+from seeds import ALARM, MISSED, clean, enough
 
 from flows import kbr_phase_centre
 from gravcal.simulation import kbr_phase_centre as simulation

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from commands import document, gravcal
-from draws import ALARM, clean
+from seeds import ALARM, clean
 
 from flows import gradient_torque
 from gravcal import catalog

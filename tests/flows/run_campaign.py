@@ -41,29 +41,11 @@ def fresh(number):
     os.environ["GRAVCAL_PRODUCTS"] = f"{os.environ['GRAVCAL_PRODUCTS'].partition('+')[0]}+{number}"
 
 
-def serve_cluster():
-    """Be a cluster of two workers until standard input ends."""
-    from distributed import LocalCluster
-
-    with LocalCluster(2, threads_per_worker=1, host="127.0.0.1", dashboard_address=None, silence_logs=50) as cluster:
-        sys.stdout.write(cluster.scheduler_address + "\n")
-        sys.stdout.flush()
-        sys.stdin.read()
-
-
-def begin_and_end_workers():
-    """Print the process identifiers of the workers of a cluster that was begun, closed again and waited for."""
-    import json
-
-    from flows import campaign
-
-    with campaign.cluster(campaign.Campaign("fakecal", None), 2) as client:
-        pids = list(client.run(os.getpid).values())
-    sys.stdout.write(json.dumps(pids))
-
-
 def ask_as_strangers():
-    """Print whether the workers of a campaign do what they are sent: by it, without TLS, and with keys of one's own."""
+    """Print whether workers do what they are sent: by their campaign, without TLS, with keys of one's own; their pids.
+
+    The pids are printed when the cluster is closed and waited for.
+    """
     import json
 
     from distributed import Client
@@ -71,7 +53,8 @@ def ask_as_strangers():
 
     from flows import campaign
 
-    with campaign.cluster(campaign.Campaign("fakecal", None), 1) as client:
+    with campaign.cluster(campaign.Campaign("fakecal", None), 2) as client:
+        pids = list(client.run(os.getpid).values())
         said, address = [client.submit(pow, 2, 3).result()], client.scheduler.address
         for security in (None, Security.temporary()):
             where = address if security else address.replace("tls://", "tcp://")
@@ -80,18 +63,14 @@ def ask_as_strangers():
                     said.append(stranger.submit(pow, 2, 3).result())
             except OSError:
                 said.append("refused")
-    sys.stdout.write(json.dumps(said))
+    sys.stdout.write(json.dumps([said, pids]))
 
 
 if __name__ == "__main__":
     if sys.argv[1] == "kill":
         kill_at_random(sys.argv[2:])
-    elif sys.argv[1] == "cluster":
-        serve_cluster()
     elif sys.argv[1] == "strangers":
         ask_as_strangers()
-    elif sys.argv[1] == "workers":
-        begin_and_end_workers()
     else:
         from flows.cli import main
 

@@ -14,9 +14,10 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
+from commands import gravcal
 
+from flows import calibration, command
 from flows import campaign as campaigns
-from flows import command
 from gravcal.store import housekeeping, keys
 
 SCRIPT = Path(__file__).parent / "run_campaign.py"
@@ -47,6 +48,15 @@ def campaign(environment, events, *options):
     return done.returncode, json.loads(done.stdout)
 
 
+def here(events, *options):
+    """Run a campaign in this process, as a new one would: exit code and summary."""
+    sys.modules.pop("fakecal", None)
+    calibration.load.cache_clear()
+    path = events.parent / "summary.json"
+    words = ("campaign", "fakecal", "--data", events, "--engine", "inline", "--workers", 0, "--json", path)
+    return gravcal(*words, *options), json.loads(path.read_text())
+
+
 def products():
     """Bytes of every product of the store by key."""
     return {
@@ -71,31 +81,21 @@ def test_a_campaign_says_and_makes_again_what_other_versions_made(environment, e
     assert [(row["made"], row.get("other_versions")) for row in summary["events"]] == 4 * [(0, None)]
 
 
-def test_all_events_are_delivered_and_nothing_is_left_to_do(environment, events):
-    """Contract: worker processes make the products; a second campaign starts no cluster."""
-    code, summary = campaign(environment, events, "--engine", "inline")
-    assert code == 0
-    assert [(row["event"], row["made"]) for row in summary["events"]] == [
-        (f"fake-{number}", 2) for number in range(1, 5)
-    ]
-    code, summary = campaign(environment, events)
-    assert code == 0
-    assert [(row["made"], row["reused"]) for row in summary["events"]] == [(0, 2)] * 4
-
-
-def test_a_killed_worker_is_replaced_and_its_event_completed(environment, events, pipeline, tmp_path):
-    """Contract: kill -9 of a worker in the middle of an event."""
+def test_a_killed_worker_is_replaced_and_nothing_is_left_to_do(environment, events, pipeline, tmp_path):
+    """Contract: worker processes make the products, after kill -9 of one, too; a second campaign starts no cluster."""
     mark = tmp_path / "killed"
     lines = (
         f"    import os, pathlib\n    mark = pathlib.Path({str(mark)!r})\n    if count == 6 and not mark.exists():\n"
     )
     lines += "        mark.write_text('')\n        os.kill(os.getpid(), 9)\n    values ="
-    first = pipeline.folder / "first.py"
-    first.write_text(first.read_text().replace("    values =", lines))
+    pipeline.replace("first.py", "    values =", lines)
     code, summary = campaign(environment, events, "--engine", "inline")
     assert mark.exists()
-    assert code == 0
-    assert summary["counts"] == {"delivered": 4}
+    assert (code, summary["counts"]) == (0, {"delivered": 4})
+    assert [row["event"] for row in summary["events"]] == [f"fake-{number}" for number in range(1, 5)]
+    assert [row["made"] for row in summary["events"] if row["event"] != "fake-2"] == [2, 2, 2]
+    code, summary = campaign(environment, events)
+    assert (code, [(row["made"], row["reused"]) for row in summary["events"]]) == (0, [(0, 2)] * 4)
 
 
 def test_the_files_of_a_new_event_are_left_to_its_worker(events, monkeypatch):
@@ -111,33 +111,15 @@ def test_the_files_of_a_new_event_are_left_to_its_worker(events, monkeypatch):
     assert read
 
 
-def test_workers_are_gone_when_their_cluster_is_closed(environment):
-    """Robustness: they end at once, but not before Dask has closed them."""
-    command = [sys.executable, str(SCRIPT), "workers"]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert done.stderr == ""
-    pids = json.loads(done.stdout)
-    assert len(pids) == 2
-    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
-
-
-def test_workers_do_what_their_campaign_sends_and_nobody_else(environment):
-    """Contract: Dask executes what it is sent, so who has not the keys of a campaign is refused."""
+def test_workers_serve_nobody_else_and_are_gone_with_their_cluster(environment):
+    """Contract: Dask executes what it is sent, so who has not the keys of a campaign is refused; all end with it."""
     command = [sys.executable, str(SCRIPT), "strangers"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
-    assert json.loads(done.stdout) == [8, "refused", "refused"]
-
-
-def test_an_existing_cluster_does_the_same_work(environment, events):
-    """Contract: --scheduler names a cluster; the code is the same, and the cluster lives on."""
-    command = [sys.executable, str(SCRIPT), "cluster"]
-    cluster = subprocess.Popen(command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, env=environment)
-    address = cluster.stdout.readline().strip()
-    code, summary = campaign(environment, events, "--engine", "inline", "--scheduler", address)
-    assert (code, summary["counts"]) == (0, {"delivered": 4})
-    assert cluster.poll() is None
-    cluster.communicate("")
-    assert cluster.returncode == 0
+    assert done.stderr == ""
+    said, pids = json.loads(done.stdout)
+    assert said == [8, "refused", "refused"]
+    assert len(pids) == 2
+    assert not any(Path(f"/proc/{pid}").exists() for pid in pids)
 
 
 def test_an_interrupt_ends_a_campaign_at_once(environment, events, pipeline, tmp_path):
@@ -146,8 +128,7 @@ def test_an_interrupt_ends_a_campaign_at_once(environment, events, pipeline, tmp
     lines = (
         f"    import pathlib, time\n    pathlib.Path({str(mark)!r}).write_text('')\n    time.sleep(60)\n    values ="
     )
-    first = pipeline.folder / "first.py"
-    first.write_text(first.read_text().replace("    values =", lines))
+    pipeline.replace("first.py", "    values =", lines)
     command = [sys.executable, str(SCRIPT), "campaign", "fakecal", "--data", str(events), "--engine", "inline"]
     process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
     limit = time.monotonic() + 60
@@ -189,19 +170,11 @@ def test_a_hundred_kills_leave_the_same_products(environment, events, store_fold
         assert products() == expected
 
 
-def ruin(events, pipeline):
-    """Let event 2 fail in a stage and event 3 lack its file."""
-    first = pipeline.folder / "first.py"
-    text = first.read_text()
-    if "'six'" not in text:
-        first.write_text(text.replace("    values =", "    assert count != 6, 'six'\n    values ="))
-    (events / "3" / pipeline.raw.name).unlink(missing_ok=True)
-    (events / "3" / "SCA1B_2020-02-01_C_04.txt").write_text("aaa")
-
-
 def test_what_failed_costs_a_re_run_no_cluster_start(environment, events, pipeline, tmp_path):
     """Contract: answered from its record while inputs, settings and code are the same; --only-failed tries again."""
-    ruin(events, pipeline)
+    pipeline.replace("first.py", "    values =", "    assert count != 6, 'six'\n    values =")
+    (events / "3" / pipeline.raw.name).unlink()
+    (events / "3" / "SCA1B_2020-02-01_C_04.txt").write_text("aaa")
     code, first = campaign(environment, events, "--workers", "0")
     assert (code, first["counts"]) == (1, {"delivered": 2, "failed": 2})
     absent = tmp_path / "absent"
@@ -221,25 +194,18 @@ def test_what_failed_costs_a_re_run_no_cluster_start(environment, events, pipeli
     assert "AssertionError: six" in again["events"][1]["error"]
     assert again["events"][1]["since"]
     assert "cannot be read" in again["events"][2]["error"]
-    code, tried = campaign(environment, events, "--workers", "0", "--only-failed")
+    code, tried = here(events, "--only-failed")
     assert code == 1
     assert [(row["event"], "since" in row) for row in tried["events"]] == [("fake-2", False), ("fake-3", False)]
+    _, other = here(events, "--set", "count=6")  # no failure of these settings
+    assert [row["status"] for row in other["events"]] == ["delivered", "delivered", "failed", "delivered"]
+    assert other["configuration"] == "count-6"
     pipeline.replace("first.py", "count != 6", "count != 66")
     (events / "3" / pipeline.raw.name).write_text("aaa")
-    code, mended = campaign(environment, events, "--workers", "0")
+    code, mended = here(events)
     assert (code, mended["counts"]) == (0, {"delivered": 4})
-    code, nothing = campaign(environment, events, "--workers", "0", "--only-failed")
+    code, nothing = here(events, "--only-failed")
     assert (code, nothing["events"]) == (0, [])
-
-
-def test_a_failure_is_forgotten_when_a_setting_changes(environment, events, pipeline):
-    """Contract: the record of a failure holds for its settings only."""
-    ruin(events, pipeline)
-    campaign(environment, events, "--workers", "0")
-    code, summary = campaign(environment, events, "--workers", "0", "--set", "count=6")
-    assert code == 1
-    assert [row["status"] for row in summary["events"]] == ["delivered", "delivered", "failed", "delivered"]
-    assert summary["configuration"] == "count-6"
 
 
 @pytest.mark.parametrize(
@@ -422,6 +388,7 @@ def test_a_cluster_by_hand(public, events, tmp_path, monkeypatch):
         code, summary = campaign(
             known | keys_in(place / "own", key, cert), here, "--engine", "inline", "--scheduler", url
         )
+        assert [process.poll() for process in running] == [None] * 3  # a cluster that was there lives on
     finally:
         os.umask(before)
         for process in reversed(running):

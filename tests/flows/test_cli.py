@@ -8,60 +8,66 @@ import sys
 import pytest
 from commands import gravcal
 
+from flows import command
 from gravcal.errors import EstimationError
-from gravcal.store import housekeeping, keys
+from gravcal.store import housekeeping
 from gravcal.store.schemas import validate
 
 
-def test_a_run_delivers_a_document(fakecal, capsys):
-    """Contract: exit code 0, JSON in the file, table on the screen."""
-    path = fakecal / "out" / "result.json"
-    assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "inline", "--json", path) == 0
+def test_exit_codes_tell_what_happened(fakecal, capsys, monkeypatch):
+    """Contract: 0 with JSON in the file and a table; 3 nothing to calibrate, 1 error with status failed, 2 wrong usage.
+
+    An unknown setting is answered with a suggestion, on one screen without a trace.
+    """
+    here, path = ("run", "fakecal", "--data", fakecal, "--engine", "inline"), fakecal / "out" / "result.json"
+    assert gravcal(*here, "--json", path) == 0
     assert json.loads(path.read_text())["total"] == 2.0 * 2 * sum(range(7))
     assert "fake-1: delivered" in capsys.readouterr().out
-
-
-def test_a_flag_makes_again_what_other_versions_made(fakecal, capsys, monkeypatch):
-    """Contract: run and plan say what is reused, the flag makes it again."""
-    here = keys.versions()
-    with monkeypatch.context() as patched:
-        patched.setattr(keys, "versions", lambda: here | {"numpy": "0.1"})
-        assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "inline") == 0
-    for command, flags, expected in (
-        (("plan",), (), "reuse: 2, run: 0"),
-        (("plan",), ("--remake-versions",), "reuse: 0, run: 1"),
-        (("run", "--engine", "inline"), (), "2 made by numpy 0.1"),
-        (("run", "--engine", "inline"), ("--remake-versions",), "delivered"),
-        (("plan",), ("--remake-versions",), "reuse: 2, run: 0"),
-    ):
-        monkeypatch.setenv("GRAVCAL_REMAKE_VERSIONS", "0")  # as each process begins
-        capsys.readouterr()
-        assert gravcal(command[0], "fakecal", "--data", fakecal, *command[1:], *flags) == 0
-        said = capsys.readouterr()
-        assert expected in said.out + said.err.replace("\n", " ")
-        assert flags == () or "reused" not in said.err
-
-
-def test_exit_codes_tell_what_happened(fakecal, capsys):
-    """Contract: 3 nothing to calibrate, 1 error with status failed in the document, 2 wrong usage."""
-    here = ("run", "fakecal", "--data", fakecal, "--engine", "inline")
     assert gravcal(*here, "--set", "gain=-1") == 3
-    path = fakecal / "failed.json"
+    assert gravcal("detect", "fakecal", "--data", fakecal) == 3
     assert gravcal(*here, "--set", "gain=0", "--json", path) == 1
     failed = json.loads(path.read_text())
-    assert (failed["status"], failed["error"]["kind"], failed["error"]["facts"]["limit"]) == (
-        "failed",
-        "EstimationError",
-        1,
-    )
+    facts = failed["status"], failed["error"]["kind"], failed["error"]["facts"]["limit"]
+    assert facts == ("failed", "EstimationError", 1)
     assert gravcal("run", "fakecal", "unheard", "--engine", "inline") == 1
-    assert gravcal("run", "fakecal") == 2
-    assert gravcal("discover", "published_table", "--model", path) == 2  # printed numbers take no model
-    assert gravcal("run", "fakecal", "fake-1", "--data", fakecal) == 2
-    assert gravcal("run", "fakecla", "fake-1") == 2
-    assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "other") == 2
-    assert gravcal("run", "fakecal", "--data", fakecal, "--set", "gain") == 2
-    assert gravcal("detect", "fakecal", "--data", fakecal) == 3
+    for wrong in (
+        ("run", "fakecal"),
+        ("run", "fakecal", "fake-1", "--data", fakecal),
+        ("run", "fakecla", "fake-1"),
+        ("run", "fakecal", "--data", fakecal, "--engine", "other"),
+        (*here, "--set", "gain"),
+        ("discover", "published_table", "--model", path),  # printed numbers take no model
+    ):
+        assert gravcal(*wrong) == 2
+    for setting, answer in (("gian=1", "gain"), ("gain=high", "expected a")):
+        capsys.readouterr()
+        assert gravcal(*here, "--set", setting) == 2
+        said = capsys.readouterr().err
+        assert answer in said
+        assert "Traceback" not in said
+        assert said.count("\n") < 10
+    given = EstimationError("m", good=1.5, day=datetime.date(2020, 2, 1), nan=float("nan"))
+    document = command.failed("c", "e", given)  # what JSON cannot hold becomes text or null
+    assert document["error"]["facts"] == {"good": 1.5, "day": "2020-02-01", "nan": None}
+    json.dumps(document, allow_nan=False)
+    monkeypatch.setenv("GRAVCAL_REMAKE_VERSIONS", "0")  # as it was, after the test
+    assert gravcal("plan", "fakecal", "--data", fakecal, "--remake-versions") == 0
+
+
+def test_simulate_passes_what_was_said_and_says_the_command_that_calibrates_it(fakecal, capsys):
+    """Contract: seed, truth, effects and settings reach the simulator; a folder with a blank in quotation marks."""
+    out, truth = fakecal / "a day", fakecal / "t.json"
+    options = ("--seed", 7, "--truth", truth, "--effect", "timing.accelerometer_delay.delay=0.5")
+    assert gravcal("simulate", "fakecal", "--out", out, *options, "--set", "gain=3") == 0
+    said = (out / "said.json").read_text()
+    assert said.startswith(f"[7, '{truth}', ['timing.accelerometer_delay']")
+    assert said.endswith("3.0, 633787200.0]")
+    assert json.loads(truth.read_text()) == {"satellite": "C", "date": "2020-02-01"}
+    said = capsys.readouterr().out.splitlines()
+    assert said[0] == f"1 Level-1 files of an invented event (C 2020-02-01) in {out}, 0.0 MB: said.json"
+    assert said[1] == f"truth in {truth}; no run reads it"
+    assert said[2] == f"calibrate: gravcal run fakecal --data '{out}' --satellite=C --date=2020-02-01"
+    assert gravcal("simulate", "fakecal", "--out", out, "--effect", "a.b=many") == 2
 
 
 def test_a_run_without_data_says_so(tmp_path, monkeypatch, capsys):
@@ -83,17 +89,6 @@ def test_a_run_without_data_says_so(tmp_path, monkeypatch, capsys):
     (tmp_path / "KBR1B_2020-02-01_Y_04.txt").write_text("")
     (tmp_path / "SCA1B_2020-02-01_C_04.txt").write_text("")
     assert gravcal("run", "com_offset", "grace-c-2020-02-01", "--engine", "inline") == 1  # some are there
-
-
-def test_an_unknown_setting_is_answered_with_a_suggestion(fakecal, capsys):
-    """Contract: one screen: where, found, expected, remedy; no trace."""
-    assert gravcal("run", "fakecal", "--data", fakecal, "--set", "gian=1") == 2
-    said = capsys.readouterr().err
-    assert "gain" in said
-    assert "Traceback" not in said
-    assert said.count("\n") < 10
-    assert gravcal("run", "fakecal", "--data", fakecal, "--set", "gain=high") == 2
-    assert "expected a" in capsys.readouterr().err
 
 
 def test_the_store_can_be_looked_at(fakecal, pipeline, capsys):
@@ -119,32 +114,8 @@ def test_the_store_can_be_looked_at(fakecal, pipeline, capsys):
     assert gravcal("products", "verify") == 1
 
 
-def test_simulate_passes_what_was_said(fakecal):
-    """Contract: seed, truth file, effects and settings reach the simulator."""
-    out = fakecal / "sim"
-    options = ("--seed", 7, "--truth", fakecal / "t.json", "--effect", "timing.accelerometer_delay.delay=0.5")
-    assert gravcal("simulate", "fakecal", "--out", out, *options, "--set", "gain=3") == 0
-    said = (out / "said.json").read_text()
-    assert said.startswith(f"[7, '{fakecal / 't.json'}', ['timing.accelerometer_delay']")
-    assert said.endswith("3.0, 633787200.0]")
-    assert json.loads((fakecal / "t.json").read_text()) == {"satellite": "C", "date": "2020-02-01"}
-    assert gravcal("simulate", "fakecal", "--out", out, "--effect", "a.b=many") == 2
-
-
-def test_simulate_says_what_it_wrote_and_the_command_that_calibrates_it(fakecal, capsys):
-    """Contract: files, whose, size; the command as it is typed, a folder with a blank in quotation marks."""
-    out = fakecal / "a day"
-    assert gravcal("simulate", "fakecal", "--out", out, "--truth", fakecal / "t.json") == 0
-    said = capsys.readouterr().out.splitlines()
-    assert said[0] == f"1 Level-1 files of an invented event (C 2020-02-01) in {out}, 0.0 MB: said.json"
-    assert said[1] == f"truth in {fakecal / 't.json'}; no run reads it"
-    assert said[2] == f"calibrate: gravcal run fakecal --data '{out}' --satellite=C --date=2020-02-01"
-
-
 def test_an_unforeseen_error_leaves_its_trace_in_a_file(fakecal, monkeypatch, capsys, store_folder):
     """Contract: no trace on the screen."""
-    from flows import command
-
     monkeypatch.setattr(command, "chosen", lambda *_: 1 / 0)
     assert gravcal("run", "fakecal", "--data", fakecal) == 1
     said = capsys.readouterr().err
@@ -168,15 +139,6 @@ def test_help_is_quick_and_imports_nothing_heavy():
     assert "gravcal demo" in done.stdout
 
 
-def test_facts_that_json_cannot_hold_become_text_or_null():
-    """Contract: a failed document is always valid JSON."""
-    from flows import command
-
-    document = command.failed("c", "e", EstimationError("m", good=1.5, day=datetime.date(2020, 2, 1), nan=float("nan")))
-    assert document["error"]["facts"] == {"good": 1.5, "day": "2020-02-01", "nan": None}
-    json.dumps(document, allow_nan=False)
-
-
 def ranging_files(folder):
     """Folder with the names of ranging files of GRACE-FO on one day."""
     folder.mkdir()
@@ -185,10 +147,10 @@ def ranging_files(folder):
     return folder
 
 
-@pytest.mark.parametrize("command", ["run", "plan", "detect", "discover", "campaign"])
-def test_files_of_another_calibration_are_named_with_it(command, tmp_path, capsys):
+@pytest.mark.parametrize("word", ["run", "plan", "detect", "discover", "campaign"])
+def test_files_of_another_calibration_are_named_with_it(word, tmp_path, capsys):
     """Contract: what was found, which calibration reads it, what was expected."""
-    assert gravcal(command, "com_offset", "--data", ranging_files(tmp_path / "level1")) == 1
+    assert gravcal(word, "com_offset", "--data", ranging_files(tmp_path / "level1")) == 1
     said = " ".join(capsys.readouterr().err.split())
     assert "(files of kbr_phase_centre, ranging and routine), expected ACC1A for com_offset" in said
     assert "found GNI1B, KBR1B, SCA1B" in said
@@ -198,11 +160,11 @@ def test_files_of_another_calibration_are_named_with_it(command, tmp_path, capsy
 def test_a_satellite_or_day_that_is_not_there_is_said_with_those_that_are(tmp_path, capsys):
     """Contract: letters that no event can have and days that no calendar has are wrong usage, others are not found."""
     folder = ranging_files(tmp_path / "level1")
-    for command in ("run", "plan", "detect", "campaign"):
-        assert gravcal(command, "com_offset", "--data", folder, "--satellite", "X") == 2
+    for word in ("run", "plan", "detect", "campaign"):
+        assert gravcal(word, "com_offset", "--data", folder, "--satellite", "X") == 2
         assert "--satellite X: expected C or D" in " ".join(capsys.readouterr().err.split())
-    for command in ("run", "plan", "detect", "discover"):
-        assert gravcal(command, "kbr_phase_centre", "--data", folder, "--date", "2020-13-01") == 2
+    for word in ("run", "plan", "detect", "discover"):
+        assert gravcal(word, "kbr_phase_centre", "--data", folder, "--date", "2020-13-01") == 2
         assert "2020-13-01 is no day of the calendar, expected YYYY-MM-DD" in " ".join(capsys.readouterr().err.split())
     for wrong in (("--satellite", "AB"), ("--date", "2020-12-01")):
         assert gravcal("run", "kbr_phase_centre", "--data", folder, *wrong) == 3
@@ -239,20 +201,16 @@ def test_a_malformed_model_is_one_clear_line(text, tmp_path, capsys):
 
 @pytest.mark.parametrize("place", ["", "file/result.json"])
 def test_a_document_that_cannot_be_written_stops_the_run_before_it_begins(place, fakecal, capsys, store_folder):
-    """Bad input: a folder, a folder that is a file; wrong usage, and nothing is computed."""
-    (fakecal / "file").write_text("kept")
+    """Bad input: a folder, a folder that is a file; wrong usage, nothing computed; looking changes nothing.
+
+    An older document stays until there is a new one; a run that is wrong usage leaves no empty one.
+    """
+    old, new = fakecal / "file", fakecal / "new.json"
+    old.write_text("kept")
     where = f"{fakecal}/{place}"
     assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "inline", "--json", where) == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert "cannot be written" in said
+    assert "cannot be written" in " ".join(capsys.readouterr().err.split())
     assert not list(store_folder.glob("objects/*/*"))
-    assert (fakecal / "file").read_text() == "kept"
-
-
-def test_looking_whether_a_document_can_be_written_changes_nothing(fakecal):
-    """Contract: an older document stays until there is a new one; a run that is wrong usage leaves no empty one."""
-    old, new = fakecal / "old.json", fakecal / "new.json"
-    old.write_text("kept")
     for path in (old, new):
         assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "other", "--json", path) == 2
     assert old.read_text() == "kept"
@@ -268,31 +226,24 @@ def minutes(tmp_path, monkeypatch):
     return tmp_path
 
 
-def made(capsys):
-    """Stages that are there once more, and the document on standard output."""
-    return json.loads(capsys.readouterr().out)
-
-
 def test_detection_limits_are_one_stage_that_is_kept(minutes, capsys):
     """Contract: the search is not repeated, a second call makes nothing, nor does a campaign with the same."""
-    words = ("magnetometer", "--data", minutes / "data")
-    alone = ("--engine", "inline", "--json", "-")
+    words, alone = ("magnetometer", "--data", minutes / "data"), ("--engine", "inline", "--json", "-")
     kinds = lambda: sorted(entry.ref.stage for entry in housekeeping.entries(newest_only=False))  # noqa: E731
+    made = lambda: json.loads(capsys.readouterr().out)  # noqa: E731
     capsys.readouterr()
     assert gravcal("discover", *words, *alone) == 0
-    first, before = made(capsys), kinds()
+    first, before = made(), kinds()
     assert "limits" not in first
     assert gravcal("discover", *words, "--limits", *alone, "--out", minutes / "page.html") == 0
-    document, after = made(capsys), kinds()
+    document, after = made(), kinds()
     assert sorted(after) == sorted([*before, "magnetometer.discovery.limits", "magnetometer.discovery_report"])
-    assert {name: document[name] for name in ("findings", "gain")} == {
-        name: first[name] for name in ("findings", "gain")
-    }
+    assert [document[name] for name in ("findings", "gain")] == [first[name] for name in ("findings", "gain")]
     assert {"magnetometer.scale", "timing.magnetometer_delay"} <= {one["cause"] for one in document["limits"]}
     assert any(one["size"] and one["confirmed"] is not None for one in document["limits"])
     assert "named from" in (minutes / "page.html").read_text()
     assert gravcal("campaign", *words, "--limits", "--workers", 0, "--json", "-") == 0
-    (row,) = made(capsys)["events"]
+    (row,) = made()["events"]
     assert (row["made"], row["status"]) == (0, "delivered")
     assert row["verdict"] == document["verdict"]["text"]
     assert kinds() == after

@@ -10,8 +10,9 @@ from pathlib import Path
 
 import pytest
 from typer.main import get_command
+from typer.testing import CliRunner
 
-from flows import cli, output
+from flows import cli, engine, output
 from gravcal.store import configurations, results
 
 GRAVCAL = (sys.executable, "-c", "from flows.cli import main; main()")
@@ -64,10 +65,13 @@ def test_every_command_gives_json():
     assert without == WITHOUT_DOCUMENT
 
 
-def test_colour_is_for_terminals_that_want_it(pipeline):
-    """Contract: bold heads on a terminal; none in a pipe, with NO_COLOR or on a dumb terminal; the same text."""
+def test_colour_is_for_terminals_that_want_it_and_tables_are_aligned(pipeline):
+    """Contract: bold heads on a terminal; none in a pipe, with NO_COLOR or on a dumb terminal; the same text.
+
+    Every column of products and history begins where its head does; verify and prune have documents.
+    """
     pipeline.run()
-    words = ("products",)
+    words, name = ("products",), f"fake-1/{pipeline.name}.join"
     plain, painted = piped(words), on_a_terminal(words)
     assert COLOUR not in plain
     assert COLOUR in painted
@@ -75,30 +79,27 @@ def test_colour_is_for_terminals_that_want_it(pipeline):
     assert COLOUR not in on_a_terminal(words, TERM="dumb")
     bare = re.sub(r"\x1b\[[0-9;]*m", "", painted).replace("\r\n", "\n")
     assert [line.rstrip() for line in bare.splitlines()] == plain.splitlines()
-
-
-def test_tables_are_aligned(pipeline):
-    """Contract: every column of products and history begins where its head does."""
-    pipeline.run()
-    name = f"fake-1/{pipeline.name}.join"
-    for words in (("products",), ("history", name)):
-        lines = piped(words).splitlines()
+    history = said_here("history", name)
+    for lines in (plain.splitlines(), history.splitlines()):
         starts = [found.start() for found in re.finditer(r"(?<=  )\S", lines[0])]
         assert starts
         for line in lines[1:]:
             assert all(line[at - 2 : at] in ("  ", "") for at in starts[-1:])
-    assert "  . gain = 3.0" in piped(("history", name, "--settings"))
+    assert "  . gain = 3.0" in said_here("history", name, "--settings")
+    assert json.loads(said_here("products", "verify", "--json", "-"))["problems"] == []
+    assert json.loads(said_here("products", "prune", "--json", "-")) == []
 
 
-@pytest.mark.parametrize("shell", ["zsh", "fish"])
-def test_the_shell_can_complete(shell):
-    """Contract: a script for each shell, as its users install it."""
-    said = piped(["--show-completion", shell], _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
-    assert f"complete_{shell}" in said
+def said_here(*words):
+    """What a command prints, in this process."""
+    return CliRunner().invoke(cli.app, list(words)).stdout
 
 
 def test_completion_offers_what_exists(pipeline):
-    """Contract: calibrations, events of catalogue and store, products, settings."""
+    """Contract: a script for each shell, as its users install it; calibrations, events of both, products, settings."""
+    for shell in ("zsh", "fish"):
+        said = piped(["--show-completion", shell], _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
+        assert f"complete_{shell}" in said
     pipeline.run()
     assert cli.complete_calibrations("com") == ["com_offset"]
     assert {"fake-1"} == set(cli.complete_events("fake"))
@@ -108,40 +109,43 @@ def test_completion_offers_what_exists(pipeline):
 
 BASH = """
 eval "$(gravcal --show-completion bash)"
-COMP_LINE="gravcal $1"; COMP_POINT=${#COMP_LINE}; COMP_WORDS=(gravcal $1); COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
-$(complete -p gravcal | sed 's/.*-F \\([^ ]*\\).*/\\1/') gravcal
-printf '%s\\n' "${COMPREPLY[@]}"
+for line in "$@"; do
+  COMP_LINE="gravcal $line"; COMP_POINT=${#COMP_LINE}; COMP_WORDS=(gravcal $line)
+  COMP_CWORD=$((${#COMP_WORDS[@]} - 1))
+  $(complete -p gravcal | sed 's/.*-F \\([^ ]*\\).*/\\1/') gravcal
+  printf '%s\\n' "${COMPREPLY[*]}"
+done
 """
 
 
-@pytest.mark.parametrize(
-    ("typed", "offered"),
-    [
-        ("run com_offset --set noise_order = 3 --set low", ["lowpass_hz="]),  # bash divides words at "="
-        ("run com_offset --engine in", ["inline"]),
-        ("simulate com_offset --out there --effect torque.sat", ["torque.saturation.limit="]),
-        ("run com_offset --as sl", ["slower"]),
-        ("settings com_offset lowp", ["lowpass_hz"]),
-        ("events kb", ["kbr_phase_centre"]),
-    ],
-)
-def test_a_real_bash_completes(typed, offered, tmp_path):
-    """Contract: the script that a user installs, sourced in bash, for a line typed so far."""
+COMPLETED = {
+    "run com_offset --set noise_order = 3 --set low": "lowpass_hz=",  # bash divides words at "="
+    "run com_offset --engine in": "inline",
+    "simulate com_offset --out there --effect torque.sat": "torque.saturation.limit=",
+    "run com_offset --as sl": "slower",
+    "settings com_offset lowp": "lowpass_hz",
+    "events kb": "kbr_phase_centre",
+}
+
+
+def test_a_real_bash_completes(tmp_path):
+    """Contract: the script that a user installs, sourced in bash, for lines typed so far."""
     configurations.record(configurations.chosen("com_offset", {"noise_order": 25}, "slower"))
     command = tmp_path / "gravcal"
     command.write_text(f"#!{sys.executable}\nfrom flows.cli import main\n\nmain()\n")
     command.chmod(0o755)
     kept = {"PATH": f"{tmp_path}:{os.environ['PATH']}", "PYTHONPATH": str(Path(cli.__file__).parents[1])}
     kept |= {"_TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION": "1"}
-    line = ["bash", "-c", BASH, "bash", typed]
+    line = ["bash", "-c", BASH, "bash", *COMPLETED]
     done = subprocess.run(line, env=os.environ | kept, capture_output=True, text=True, check=False)
-    assert done.stdout.split() == offered, done.stderr
+    assert done.stdout.splitlines() == list(COMPLETED.values()), done.stderr
 
 
-def test_progress_counts_what_was_made(pipeline, monkeypatch):
-    """Contract: on a terminal every listener takes what it is told."""
-    from flows import engine
-
+def test_progress_counts_what_was_made_and_is_silent_in_a_pipe(pipeline, monkeypatch, capsys):
+    """Contract: on a terminal every listener takes what it is told; elsewhere there is none."""
+    with output.progress("fake") as listener, output.waiting("work"), output.bytes_progress() as archives:
+        assert listener is archives is None
+    assert capsys.readouterr().err == ""
     monkeypatch.setattr(sys, "stderr", Terminal())
     with output.progress("fake") as listener:
         flow = pipeline.module("flow").calibrate
@@ -152,13 +156,6 @@ def test_progress_counts_what_was_made(pipeline, monkeypatch):
         archives("one.tgz", 10, 20)
     assert "work, about 30 s" in sys.stderr.said
     assert "one.tgz" in sys.stderr.said
-
-
-def test_nothing_is_shown_in_a_pipe(capsys):
-    """Contract: no progress where standard error is no terminal."""
-    with output.progress("fake") as listener, output.waiting("work"), output.bytes_progress() as archives:
-        assert listener is archives is None
-    assert capsys.readouterr().err == ""
 
 
 class Terminal:
@@ -179,36 +176,14 @@ class Terminal:
         """Nothing to do."""
 
 
-def test_problems_come_as_json(pipeline):
-    """Contract: documents of verify and prune."""
-    pipeline.run()
-    assert json.loads(piped(("products", "verify", "--json", "-")))["problems"] == []
-    assert json.loads(piped(("products", "prune", "--json", "-"))) == []
-
-
-def test_manoeuvres_are_said_in_calendar_time_beside_gps_seconds(capsys):
-    """Contract: both of both ends, to a millisecond."""
+def test_manoeuvres_and_campaigns_are_tables(capsys):
+    """Contract: manoeuvres in calendar time beside GPS seconds, to a millisecond; what failed of a campaign first."""
     found = {"satellite": "C", "kind": "pitch", "start": 633830400.0, "stop": 633830580.5}
     output.manoeuvres({"event": "grace-c-2020-02-01", "manoeuvres": [found]}, None)
     heads, row, _ = capsys.readouterr().out.splitlines()
     assert "start (GPS time)" in heads
     assert row.split() == ["C", "pitch", "2020-02-01", "12:00:00.000", "2020-02-01", "12:03:00.500",
                            "633830400.000", "633830580.500"]  # fmt: skip
-
-
-def test_a_value_has_two_digits_of_its_error():
-    """Contract: in campaigns, comparisons and pages alike."""
-    assert results.rounded(-5.4321, 2.1049) == "-5.4 +- 2.1"
-    assert results.rounded(-87.7012, 0.4849) == "-87.70 +- 0.48"
-    assert results.rounded(0.0119721, 2.4e-5) == "0.011972 +- 0.000024"
-    assert results.rounded(1.7246e-7, 3.9e-10) == "(172.46 +- 0.39)e-9"
-    assert results.rounded(2.5e7, 3e4) == "(25.000 +- 0.030)e6"
-    assert results.rounded(0.0, 1e-12) == "(0.0 +- 1.0)e-12"
-    assert results.rounded(3.14159, None) == "3.14"
-
-
-def test_the_table_of_a_campaign_has_values_or_the_reason(capsys):
-    """Contract: what failed comes first."""
     effort = {"made": 3, "reused": 1, "seconds": 2.0}
     values = [results.Value("", axis, "um", 10.04, 2.2, 8.1) for axis in "xy"]
     rows = [{"event": "a", "status": "delivered", "said": results.text(values)} | effort,
@@ -218,3 +193,20 @@ def test_the_table_of_a_campaign_has_values_or_the_reason(capsys):
     assert heads.endswith("values or reason")
     assert first.endswith("no clock")
     assert second.endswith("x 10.0 +- 8.1, y 10.0 +- 8.1 um")
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "said"),
+    [
+        (-5.4321, 2.1049, "-5.4 +- 2.1"),
+        (-87.7012, 0.4849, "-87.70 +- 0.48"),
+        (0.0119721, 2.4e-5, "0.011972 +- 0.000024"),
+        (1.7246e-7, 3.9e-10, "(172.46 +- 0.39)e-9"),
+        (2.5e7, 3e4, "(25.000 +- 0.030)e6"),
+        (0.0, 1e-12, "(0.0 +- 1.0)e-12"),
+        (3.14159, None, "3.14"),
+    ],
+)
+def test_a_value_has_two_digits_of_its_error(value, sigma, said):
+    """Contract: in campaigns, comparisons and pages alike."""
+    assert results.rounded(value, sigma) == said

@@ -1,5 +1,9 @@
-"""Every calibration through campaign, plan, history and rebuild, on the smallest events they take."""
+"""Every calibration through campaign, plan, history, rebuild and discovery, on the smallest events they take.
 
+Their products open anywhere: the CF conventions 1.11, checked by IOOS compliance-checker on every kind.
+"""
+
+import functools
 import importlib
 import io
 import json
@@ -9,30 +13,34 @@ import re
 import shutil
 import subprocess
 import sys
+import warnings
 from contextlib import redirect_stdout
+from importlib import resources
 from pathlib import Path
 
 import astropy_iers_data
+import h5py
 import pytest
 
 import gravcal
 import tasks
-from flows import campaign, cli, command, engine, output
+from flows import campaign, cli, command, discover, engine, output
 from flows.calibration import known
 from flows.engine import remake
 from gravcal.browse import store_index, timeline
 from gravcal.errors import GravcalError, ProductError
 from gravcal.io import archive
-from gravcal.store import configurations, housekeeping, keys, location
+from gravcal.io.readers import records
+from gravcal.store import configurations, housekeeping, keys, location, product
 from tasks import stage
 
 #: Calibration: what makes its simulated event small.
 SMALL = {
     "com_offset": {"manoeuvres": "pitch_high"},
-    "kbr_phase_centre": {"manoeuvres": "+pitch_a"},
+    "kbr_phase_centre": {"manoeuvres": "+pitch_a,-yaw_a,+pitch_b,-yaw_b", "quiet_s": "900", "phase_step_s": "1"},
     "inertial_sensor": {"roll_s": "13000", "swing_at_s": "900"},
     "gradient_torque": {"duration_s": "3000", "field_degree": "8"},
-    "magnetometer": {"duration_s": "1800"},
+    "magnetometer": {"duration_s": "600"},
     "ranging": {"phase_step_s": "1", "date": "2020-09-12"},  # days of their own: events hold one calibration's files
     "thrusters": {"duration_s": "10800", "quiet_s": "900"},
     "routine": {"quiet_s": "300"},
@@ -80,6 +88,12 @@ def made(name, level_one, settings=None):
     summary = campaign.run(chosen, command.many_sources(name, None, level_one / name))
     (row,) = summary["events"]
     return row
+
+
+def of_flow(event):
+    """Entries of an event that the flow of its calibration made, not those of experiments and of discovery."""
+    own = housekeeping.entries(event, configuration=location.OPERATIONAL)
+    return [one for one in own if "discovery" not in one.ref.stage]
 
 
 @pytest.mark.parametrize("name", SMALL)
@@ -178,7 +192,7 @@ def test_history_and_rebuild_reach_every_product(name, level_one, monkeypatch):
     The system says which files of the package a stage opens, with nothing remembered from the stage before.
     """
     event = made(name, level_one)["event"]
-    known = {entry.ref.stage: entry for entry in housekeeping.entries(event)}
+    known = {entry.ref.stage: entry for entry in of_flow(event)}
     for entry in known.values():
         printed = io.StringIO()
         with redirect_stdout(printed):
@@ -187,7 +201,7 @@ def test_history_and_rebuild_reach_every_product(name, level_one, monkeypatch):
         assert raw in printed.getvalue() or entry.ref.kind == "gradient_torque.field"  # from a file of the package
     seen, forgotten = watching(monkeypatch)
     outcome = remake(known[f"{name}.report"])
-    assert {one["stage"] for one in outcome["stages"]} == set(known)
+    assert {one["stage"] for one in outcome["stages"] if "discovery" not in one["stage"]} == set(known)
     assert [one for one in outcome["stages"] if one["verdict"] != "equal"] == []
     assert forgotten == []
     assert seen >= {"gravcal/report/page.html", f"gravcal/store/schemas/{name}.schema.json"}
@@ -376,8 +390,116 @@ def test_tasks_of_prefect_make_the_same_products(level_one, prefect_home, tmp_pa
     assert done.stderr == ""
     for name, found in json.loads(done.stdout).items():
         event = made(name, level_one)["event"]
-        own = housekeeping.entries(event, configuration=location.OPERATIONAL)  # not the experiments of other tests
-        inline = {entry.ref.stage: [entry.ref.key, entry.ref.digest] for entry in own}
+        inline = {entry.ref.stage: [entry.ref.key, entry.ref.digest] for entry in of_flow(event)}
         assert found["prefect"]
         assert set(found["states"]) == {"made"}, name
         assert found["products"] == inline
+
+
+ORDER = "§2.4 Dimensions"  # the house puts vectors on the last axis; CF recommends, but does not ask, the contrary
+
+
+@pytest.fixture(scope="module")
+def kinds(level_one):
+    """Return files of products by kind, of all flows and of discovery."""
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setenv("GRAVCAL_PRODUCTS", str(level_one / "products"))
+        for name in SMALL:
+            assert made(name, level_one)["status"] == "delivered"
+            if name in discover.names():
+                (source,) = command.sources(name, None, None, None, None)
+                engine.run(discover.flow_of(name), source, command.chosen(name, None), engine="inline")
+        links = sorted((location.folder() / "latest").glob("*/*.*"))
+    found = {}
+    for link in links:
+        kind = link.name if link.name.startswith("ingest") else ".".join(link.name.split(".")[:2])
+        found.setdefault(kind, link / "product.nc")
+    return found
+
+
+@functools.cache
+def checker():
+    """IOOS compliance-checker with its conventions."""
+    from compliance_checker.suite import CheckSuite
+
+    CheckSuite.load_all_available_checkers()
+    return CheckSuite()
+
+
+def complaints(path):
+    """What the checker finds in one file, but for the recommended order of dimensions."""
+    suite = checker()
+    results = suite.run_all(suite.load_dataset(str(path)), ["cf:1.11"])
+    found = []
+    for groups, errors in results.values():
+        found += [f"{name}: {problem[0]!r}" for name, problem in errors.items()]
+        found += [f"{group.name}: {'; '.join(group.msgs)}" for group in groups if group.value[0] < group.value[1]]
+    return [text for text in found if not text.startswith(ORDER)]
+
+
+def test_every_kind_of_product_passes_the_checker(kinds):
+    """Contract: no error, warning or remark on any kind that the calibrations make."""
+    assert {"ingest", *SMALL} <= {kind.partition(".")[0] for kind in kinds}
+    assert len(kinds) > 70
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of the checker's own libraries
+        found = {kind: complaints(path) for kind, path in kinds.items()}
+    assert {kind: texts for kind, texts in found.items() if texts} == {}
+
+
+def test_the_checker_finds_what_is_wrong(kinds, tmp_path):
+    """Contract: the test above can fail: a wrong unit and a flag without meaning are found."""
+    path = tmp_path / "product.nc"
+    path.write_bytes(kinds["com_offset.attitude"].read_bytes())
+    with h5py.File(path, "a") as file:
+        file["rate_b"].attrs["units"] = "furlongs per blink"
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        assert any("furlongs" in text for text in complaints(path))
+
+
+@pytest.mark.skipif(not shutil.which("ncdump"), reason="ncdump is not installed")
+def test_ncdump_shows_every_kind(kinds):
+    """Contract: another netCDF library reads names, units and sizes of what we write."""
+    for path in kinds.values():
+        shown = subprocess.run(["ncdump", "-h", path], check=True, capture_output=True, text=True).stdout
+        assert 'Conventions = "CF-' in shown
+
+
+def test_every_unit_is_known_to_udunits():
+    """Contract: also of kinds and variables that the small events do not make; all columns of Level-1 records."""
+    from cf_units import Unit
+
+    for name in (*SMALL, "discovery"):
+        importlib.import_module(f"tasks.{name}")
+    stated = [one.get("units") for schema in product._schemas.values() for one in (schema or {}).values()]
+    units = {unit for one in stated for unit in (one if isinstance(one, tuple) else (one,)) if unit}
+    assert len(units) > 30
+    names = [path.stem for path in Path(records.PRODUCTS).glob("*.toml")]
+    assert len(names) > 20
+    tables = [records.product(name) for name in names]
+    units |= {column.units for one in tables for column in (*one.columns, *one.optional, *one.repeated)}
+    for unit in units:
+        Unit(unit)
+
+
+@pytest.mark.parametrize("name", SMALL)
+def test_a_report_begins_with_its_verdict_and_its_numbers_can_be_traced(kinds, name):
+    """Contract: origin, then verdict; one style, no script, nothing asked of other hosts, pictures described.
+
+    What document and page name finds the product, as `gravcal products show` looks for it.
+    """
+    folder = kinds[f"{name}.report"].parent
+    page = (folder / "report.html").read_text()
+    body = page.partition("<body>")[2].lstrip()
+    assert re.match(r'<p class="origin">Simulated data: [^<]*</p>\s*<p class="verdict', body)
+    style = (resources.files("gravcal.report") / "report.css").read_text()
+    assert style.strip() in page
+    assert "<script" not in page
+    assert not re.findall(r"""(?:src|href)=["'](?!data:|#|https://doi\.org)[^"']+""", page)
+    assert all("alt=" in tag for tag in re.findall(r"<img[^>]*>", page))
+    named = json.loads((folder / "result.json").read_text())["provenance"]["products"]
+    assert len(named) >= 3
+    for what, key in named.items():  # of a routine day also whose
+        assert set(housekeeping.resolve(key).ref.stage.split(".")) <= set(what.split("."))
+        assert key[:12] in page, what

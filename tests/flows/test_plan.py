@@ -1,10 +1,12 @@
-"""Plans: what would be reused or made, and why, without making anything."""
+"""Plans: what would be reused or made, and why, without making anything; and what a run then makes."""
 
 import pytest
 
 from flows import engine
 from gravcal.errors import ProductError
 from gravcal.store import history, housekeeping, keys, location
+
+ALL = ["start", "scale.one", "scale.other", "join"]
 
 
 def plan(pipeline, **changes):
@@ -19,36 +21,52 @@ def test_a_plan_of_nothing_made_yet(pipeline):
     assert housekeeping.folders() == []
 
 
-def test_a_changed_setting_is_shown_with_both_values(pipeline):
-    """Contract: old and new value; below, what may have to run."""
+#: What is changed: settings or (file, old, new); what the plan says of some stages; what a run then makes.
+CHANGES = {
+    "setting": ({"gain_one": 0.7}, {"scale.one": ("run", "gain: 1.0 -> 0.7")}, ["scale.one", "join"]),
+    "file": (("raw", "abc", "abcd"), {"start": ("run", "input file MAG1B_2020-02-01_C_04.txt changed")}, ALL),
+    "helper": (
+        ("helper.py", "FACTOR * values", "FACTOR * values + 1"),
+        {"start": ("run", "code changed: {name}.helper")},
+        ALL,
+    ),
+    "science": (
+        ("second.py", '["value"] * gain', '["value"] * gain + 1'),
+        {n: ("run", "code changed: {name}.second") for n in ("scale.one", "scale.other", "join")},
+        ALL[1:],
+    ),
+    "body": (("stages.py", "second.scaled(started, gain)", "second.scaled(started, -gain)"), {}, ALL[1:]),
+    "version": (
+        ("stages.py", '{name}.join", version=1', '{name}.join", version=2'),
+        {"join": ("run", "version 1 -> 2")},
+        ["join"],
+    ),
+    "comment": (("helper.py", "# a comment", "# another comment"), {}, []),
+    "docstring": (("helper.py", '"""Twice."""', '"""Two times."""'), {}, []),
+    "layout": (("helper.py", "FACTOR * values", "(FACTOR  *  values)"), {}, []),
+}
+
+
+@pytest.mark.parametrize("change", CHANGES)
+def test_a_change_is_named_by_the_plan_and_makes_its_dependants_only(pipeline, change):
+    """Contract: file, helper, science module, body and version are each part of the key; comments are no code.
+
+    A setting with both values; below it, what may have to run.
+    """
     pipeline.run()
-    found = plan(pipeline, gain_one=0.7)
-    assert found == {
-        "start": ("reuse",),
-        "scale.one": ("run", "gain: 1.0 -> 0.7"),
-        "scale.other": ("reuse",),
-        "join": ("may run", f"after {pipeline.name}.scale.one"),
-    }
-
-
-def test_a_changed_file_is_named(pipeline):
-    """Contract: input file changed."""
-    pipeline.run()
-    pipeline.raw.write_text("abcd")
-    assert plan(pipeline)["start"] == ("run", "input file MAG1B_2020-02-01_C_04.txt changed")
-
-
-def test_changed_code_is_named_by_module(pipeline):
-    """Contract: which module changed."""
-    pipeline.run()
-    pipeline.replace("helper.py", "FACTOR * values", "FACTOR * values + 1")
-    assert plan(pipeline)["start"] == ("run", f"code changed: {pipeline.name}.helper")
-    pipeline.replace("helper.py", "FACTOR * values + 1", "FACTOR * values")
-    pipeline.replace("second.py", '["value"] * gain', 'gain * ["value"]')
-    found = plan(pipeline)
-    assert found["start"] == ("reuse",)
-    assert found["scale.one"] == ("run", f"code changed: {pipeline.name}.second")
-    assert found["join"] == ("run", f"code changed: {pipeline.name}.second")
+    what, said, made = CHANGES[change]
+    if change == "file":
+        pipeline.raw.write_text(what[2])
+    elif change != "setting":
+        pipeline.replace(*(part.replace("{name}", pipeline.name) for part in what))
+    settings = what if change == "setting" else {}
+    found = plan(pipeline, **settings)
+    for stage, reasons in said.items():
+        assert found[stage] == tuple(one.replace("{name}", pipeline.name) for one in reasons)
+    assert {stage for stage, (action, *_) in found.items() if action == "reuse"} == set(ALL) - set(made)
+    if change == "setting":
+        assert found["join"] == ("may run", f"after {pipeline.name}.scale.one")
+    assert pipeline.run(**settings)[0] == made
 
 
 def test_a_changed_data_file_is_named(pipeline):
@@ -77,13 +95,6 @@ def test_a_changed_data_file_is_named(pipeline):
         plan(pipeline)
 
 
-def test_a_raised_version_is_shown(pipeline):
-    """Contract: version old and new."""
-    pipeline.run()
-    pipeline.replace("stages.py", f'{pipeline.name}.scale", version=1', f'{pipeline.name}.scale", version=2')
-    assert plan(pipeline)["scale.one"] == ("run", "version 1 -> 2")
-
-
 def test_a_changed_input_is_named(pipeline):
     """Contract: once the input was made anew, what reads it says so."""
     pipeline.run()
@@ -110,7 +121,7 @@ def test_products_of_other_versions_are_said_and_made_again_when_wanted(pipeline
     monkeypatch.setenv("GRAVCAL_REMAKE_VERSIONS", "1")
     assert plan(pipeline)["start"] == ("run", said)
     assert engine.left(pipeline.module("flow").calibrate, *arguments).ref is None
-    assert pipeline.run() == (["start", "scale.one", "scale.other", "join"], ref)
+    assert pipeline.run() == (ALL, ref)
     assert pipeline.run() == ([], ref)
     assert set(plan(pipeline).values()) == {("reuse",)}
     assert {read.read_text() for read in (location.folder() / "quarantine").glob("*/why.txt")} == {

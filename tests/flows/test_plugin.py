@@ -46,8 +46,11 @@ def test_the_truth_comes_back(tilt):
         assert abs(one["value"] - truth[name]) < 4 * one["sigma"]
 
 
-def test_every_command_knows_it(tilt):
-    """Contract: help, settings, plan, campaign, report, series; a setting reaches its stage and no other."""
+def test_every_command_and_the_browser_know_it(tilt):
+    """Contract: help, settings, plan, campaign, report, series; a setting reaches its stage and no other.
+
+    The browser has its events, time line and chain of stages.
+    """
     data = ("tilt_scale", "--data", tilt.folder / "data")
     tilt("run", *data, "--engine", "inline")
     assert "tilt_scale" in tilt("run", "--help")
@@ -58,14 +61,17 @@ def test_every_command_knows_it(tilt):
     page = tilt.folder / "series.html"
     tilt("series", "tilt_scale", "--out", page)
     assert "Scale and bias of the tilt meter" in page.read_text()
-    assert "expected TLT for tilt_scale" in refused(tilt, "run", "tilt_scale")
+    assert "expected TLT for tilt_scale" in refused(tilt, "run", "tilt_scale", "--data", ROOT / "docs")
     assert "files of tilt_scale" in refused(tilt, "run", "com_offset", "--data", tilt.folder / "data")
+    code = [sys.executable, "-W", "ignore", "-c", PAGES]
+    done = subprocess.run(code, capture_output=True, text=True, check=False, env=tilt.environment)
+    assert done.returncode == 0, done.stderr
+    for text in ("Tilt meter", "Scale and bias of the tilt meter", "tilt_scale.fit", "toy-p-2026-01-01"):
+        assert text in done.stdout
 
 
 def refused(tilt, *words):
     """What is said of a folder with files of another calibration."""
-    if "--data" not in words:
-        words = (*words, "--data", ROOT / "docs")
     command = [sys.executable, "-m", "flows.cli", *map(str, words)]
     done = subprocess.run(command, capture_output=True, text=True, check=False, env=tilt.environment)
     assert done.returncode in (1, 3)
@@ -79,17 +85,6 @@ from gravcal.browse import app
 client = TestClient(app.application(load_all(), hosts=("testserver",)))
 print(client.get("/").text, client.get("/timeline/tilt_scale").text, client.get("/event/toy-p-2026-01-01").text)
 """
-
-
-def test_the_browser_shows_it(tilt):
-    """Contract: its events, time line and chain of stages."""
-    tilt("run", "tilt_scale", "--data", tilt.folder / "data", "--engine", "inline")
-    done = subprocess.run(
-        [sys.executable, "-W", "ignore", "-c", PAGES], capture_output=True, text=True, check=False, env=tilt.environment
-    )
-    assert done.returncode == 0, done.stderr
-    for text in ("Tilt meter", "Scale and bias of the tilt meter", "tilt_scale.fit", "toy-p-2026-01-01"):
-        assert text in done.stdout
 
 
 def test_a_hidden_effect_is_discovered(tilt):

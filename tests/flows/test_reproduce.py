@@ -5,10 +5,10 @@ import http.server
 import json
 import re
 import tarfile
-import threading
 from pathlib import Path
 
 import pytest
+from commands import serving
 from typer.testing import CliRunner
 
 from flows import calibration, cli, reproduce
@@ -32,13 +32,8 @@ def archive(tmp_path):
                 packed.add(path, path.name)
     handler = functools.partial(http.server.SimpleHTTPRequestHandler, directory=root)
     handler.log_message = lambda *_: None
-    server = http.server.ThreadingHTTPServer(("127.0.0.1", 0), handler)
-    thread = threading.Thread(target=server.serve_forever, kwargs={"poll_interval": 0.02})
-    thread.start()
-    yield f"http://127.0.0.1:{server.server_port}"
-    server.shutdown()
-    thread.join()
-    server.server_close()
+    with serving(handler) as address:
+        yield address
 
 
 def test_a_paper_is_reproduced_from_an_archive(archive, tmp_path, monkeypatch):

@@ -415,11 +415,18 @@ def test_a_folder_is_new_when_it_changed_and_came_to_rest(tmp_path):
 
 
 @pytest.mark.usefixtures("_prefect")
-def test_no_time_of_the_clock_is_refused():
-    """Contract: before a server is started."""
+def test_what_is_refused_before_a_server_is_started_and_a_port_that_is_taken():
+    """Contract: no time of the clock; the wanted port if nobody listens there, otherwise another."""
     nothing = serve.Served("whenever", None, 1.0, None, {"calibration": "fakecal"})
     with pytest.raises(CatalogError, match="whenever"):
         serve.serve(nothing, print)
+    with server.listener(0) as door:
+        port = door.getsockname()[1]
+        with server.listener(port) as other:
+            assert other.getsockname()[1] != port
+    with server.listener(port) as again, server.listener(123456) as free:
+        assert again.getsockname()[1] == port
+        assert free.getsockname()[1] < 65536
 
 
 @pytest.mark.usefixtures("_prefect")
@@ -477,22 +484,6 @@ def test_a_note_says_what_all_events_say_and_too_few_are_no_failure(monkeypatch,
     monkeypatch.setattr(scheduled.watching, "joint", refused)
     scheduled._together("com_offset", "C", None, None, 0)
     assert notes[1][1] == "one event"
-
-
-@pytest.mark.usefixtures("_prefect")
-def test_a_port_that_is_taken_is_replaced():
-    """Contract: the wanted port if nobody listens there, otherwise another."""
-    with serve.reports() as address:
-        port = urllib.parse.urlsplit(address).port
-        assert port_of(port) != port
-    assert port_of(port) == port
-    assert port_of(123456) < 65536
-
-
-def port_of(wanted):
-    """Port that a listener gets."""
-    with server.listener(wanted) as door:
-        return door.getsockname()[1]
 
 
 @pytest.mark.usefixtures("_prefect")

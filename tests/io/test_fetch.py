@@ -7,11 +7,11 @@ import hashlib
 import io
 import socket
 import tarfile
-import threading
 import time
-from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from http.server import BaseHTTPRequestHandler
 
 import pytest
+from commands import serving
 from typer.testing import CliRunner
 
 from flows import cli
@@ -55,16 +55,7 @@ class Server:
             def log_message(self, *_):
                 pass
 
-        self.http = ThreadingHTTPServer(("127.0.0.1", 0), Handler)
-        self.url = f"http://127.0.0.1:{self.http.server_port}"
-        self.thread = threading.Thread(target=self.http.serve_forever, kwargs={"poll_interval": 0.02})
-        self.thread.start()
-
-    def close(self):
-        """End."""
-        self.http.shutdown()
-        self.thread.join()
-        self.http.server_close()
+        self.handler = Handler
 
     def put(self, archive, image, md5=True):
         """Store an archive where the layout has it."""
@@ -131,9 +122,9 @@ def _no_credentials(monkeypatch, tmp_path):
 def archive():
     """An archive that has one day; at its end it closes."""
     one = Server()
-    one.put(ONE, IMAGE)
-    yield one
-    one.close()
+    with serving(one.handler) as one.url:
+        one.put(ONE, IMAGE)
+        yield one
 
 
 server, other = pytest.fixture(archive, name="server"), pytest.fixture(archive, name="other")
@@ -162,41 +153,40 @@ def test_an_archive_is_checked_and_the_second_time_it_is_there(server, tmp_path)
     assert len(server.asked) == asked
 
 
-@pytest.mark.parametrize("fault", ["cut", "stall"])
-def test_a_broken_or_silent_transfer_goes_on_where_it_stopped(server, tmp_path, fault):
-    """Contract: Range after a break and after a stall; the bytes are whole."""
-    server.faults = [(fault, None), ("cut", None), ("status", 503)]
+@pytest.mark.parametrize(
+    "faults",
+    [
+        [("cut", None), ("cut", None), ("status", 503)],
+        [("stall", None), ("cut", None), ("status", 503)],
+        [("cut", None), ("whole", None)],
+    ],
+    ids=["cut", "stall", "without ranges"],
+)
+def test_a_broken_or_silent_transfer_goes_on_where_it_stopped(server, tmp_path, faults):
+    """Contract: Range after a break and after a stall, 200 in answer to it too; the bytes are whole."""
+    server.faults = list(faults)
     assert get(server, tmp_path).path.read_bytes() == IMAGE
     starts = [int(r[6:-1]) for r, _ in server.archives_asked() if r]
     assert starts == sorted(starts)
     assert starts[0] == len(IMAGE) // 2
 
 
-def test_the_next_run_resumes_what_the_last_one_gave_up(server, tmp_path):
-    """Contract: the part stays, says where it is from, and is no archive to the readers."""
+@pytest.mark.parametrize("changed", [False, True])
+def test_the_next_run_resumes_what_the_last_one_gave_up(server, tmp_path, changed):
+    """Contract: the part stays, says where it is from, and is no archive to the readers.
+
+    If-Range keeps two versions from being glued together: a file that changed meanwhile starts anew.
+    """
     server.faults = [("cut", None)] + [("status", 503)] * 3
     with pytest.raises(ProductError, match="503, 3 times in a row"):
         get(server, tmp_path)
     assert names(tmp_path) == [f".{ONE.name}.part", f".{ONE.name}.part.json"]
-    assert get(server, tmp_path).path.read_bytes() == IMAGE
+    image = IMAGE
+    if changed:
+        image, server.tag = packed(CONTENT[::-1]), '"two"'
+        server.put(ONE, image)
+    assert get(server, tmp_path).path.read_bytes() == image
     assert server.archives_asked()[-1][0] == f"bytes={len(IMAGE) // 2}-"
-
-
-def test_a_file_that_changed_meanwhile_starts_anew(server, tmp_path):
-    """Contract: If-Range keeps two versions from being glued together."""
-    server.faults = [("cut", None)] + [("status", 503)] * 3
-    with pytest.raises(ProductError):
-        get(server, tmp_path)
-    changed = packed(CONTENT[::-1])
-    server.tag = '"two"'
-    server.put(ONE, changed)
-    assert get(server, tmp_path).path.read_bytes() == changed
-
-
-def test_a_server_without_ranges_is_asked_for_the_whole(server, tmp_path):
-    """Contract: 200 in answer to Range."""
-    server.faults = [("cut", None), ("whole", None)]
-    assert get(server, tmp_path).path.read_bytes() == IMAGE
 
 
 def test_wrong_bytes_are_fetched_again_and_never_delivered(server, tmp_path):
@@ -274,13 +264,8 @@ def test_logins_belong_to_one_host_and_an_encrypted_line(monkeypatch, tmp_path):
     assert SECRET not in str(caught.value)
 
 
-def test_errors_show_no_query_of_a_signed_address():
-    """Contract: nor a login in front of the host."""
-    assert fetch.shown("https://me:pw@example.org/a?signature=x") == "https://example.org/a"
-
-
 def test_unsafe_redirects_and_places_are_refused(server, tmp_path):
-    """Contract: other schemes, and passwords in an address."""
+    """Contract: other schemes, and passwords in an address; errors show no query of a signed one, nor a login."""
     server.faults = [("redirect", "file://")]
     with pytest.raises(ProductError, match="redirects to"):
         get(server, tmp_path)
@@ -288,6 +273,7 @@ def test_unsafe_redirects_and_places_are_refused(server, tmp_path):
         with pytest.raises(CatalogError) as caught:
             fetch.fetch([ONE], tmp_path, place)
         assert "pw" not in str(caught.value)
+    assert fetch.shown("https://me:pw@example.org/a?signature=x") == "https://example.org/a"
 
 
 def test_a_link_in_the_folder_does_not_lead_outside(server, tmp_path):

@@ -60,12 +60,8 @@ def test_fortran_exponents_static_parts_and_plain_norms_are_read(tmp_path):
     ],
 )
 def test_damaged_files_are_refused_with_the_place(tmp_path, text, message):
-    """Contract: file and line."""
+    """Contract: file and line; of an unknown field the remedy names what ships."""
     with pytest.raises(ProductError, match=message):
         icgem.read_field(write(tmp_path, text))
-
-
-def test_an_unknown_field_is_refused():
-    """Contract: the remedy names what ships."""
     with pytest.raises(ProductError, match="GGM05S"):
         icgem.located("egm.gfc")

@@ -77,48 +77,37 @@ def test_text_files_of_both_missions_say_it(tmp_path, product, letter, release):
     assert archive.origin_of(archive.from_name(packed)) == "measured"
 
 
-def test_binary_files_say_it(tmp_path):
-    """Contract: the 80-column header of a binary file counts as that of a text file."""
+def test_binary_and_netcdf_files_say_it(tmp_path):
+    """Contract: the 80-column header of a binary file counts as that of a text file; global attributes of those names.
+
+    What holds no records has no origin: a gravity field makes a simulated day no mixture.
+    """
     text = written(tmp_path, "MAG1B", "A", "02").read_bytes()
     end = text.index(b"END OF HEADER")
-    head = text[: text.index(b"\n", end) + 1].replace(b"1=ASCII: 1", b"1=ASCII: 0")
     path = tmp_path / "MAG1B_2020-02-05_A_02.dat"
-    path.write_bytes(head)
+    path.write_bytes(text[: text.index(b"\n", end) + 1].replace(b"1=ASCII: 1", b"1=ASCII: 0"))
     observed = readers.read(path)
     assert (observed.sizes["record"], observed.attrs["origin"]) == (0, "simulated")
     assert readers.read(flown(path)).attrs["origin"] == "measured"
-
-
-def test_netcdf_files_say_it(tmp_path):
-    """Contract: global attributes of the same names."""
     known = {"acknowledgement": "Thanks. Simulated data.", "software_version": "sim"}
     for number, (name, value) in enumerate([*known.items(), ("software_version", archive.BY), ("title", "simulated")]):
         path = tmp_path / f"SGRS_2020-02-0{number + 1}_S_01.nc"
         xr.Dataset(attrs={name: value}).to_netcdf(path)
         found = archive.origin_of(archive.LevelOneFile(path, None, "SGRS", "S", "2020-02-01", "01"))
         assert found == ("measured" if name == "title" else "simulated")
-
-
-def test_what_holds_no_records_has_no_origin(tmp_path):
-    """Contract: a gravity field makes a simulated day no mixture."""
     (tmp_path / "field.gfc").write_text("product_type gravity_field\n")
     assert archive.origin_of(daily.other_file(tmp_path / "field.gfc", "GFC", "2020-02-01")) == ""
+
+
+def test_a_stage_cannot_make_measured_of_simulated():
+    """Contract: what a stage says itself wins only upwards; of several inputs, what they are together."""
+    for own in ("measured", "simulated", ""):
+        assert product.raised_origin("simulated", own) == "simulated"
+        assert product.raised_origin("measured", own) == (own or "measured")
+        assert product.raised_origin("mixed", own) == "mixed"
     assert product.origins_together(["simulated", "", "simulated"]) == "simulated"
-    assert (
-        product.origins_together(["simulated", "measured"])
-        == product.origins_together(["mixed", "measured"])
-        == "mixed"
-    )
-
-
-@pytest.mark.parametrize(
-    ("own", "expected"), [("measured", "simulated"), ("simulated", "simulated"), ("", "simulated")]
-)
-def test_a_stage_cannot_make_measured_of_simulated(own, expected):
-    """Contract: what a stage says itself wins only upwards."""
-    assert product.raised_origin("simulated", own) == expected
-    assert product.raised_origin("measured", own) == (own or "measured")
-    assert product.raised_origin("mixed", own) == "mixed"
+    assert product.origins_together(["simulated", "measured"]) == "mixed"
+    assert product.origins_together(["mixed", "measured"]) == "mixed"
 
 
 def test_products_pass_it_on(pipeline):

@@ -104,10 +104,22 @@ def test_a_file_that_is_none_is_refused(attitude_file, file):
     _refused(attitude_file, attitude_file, word)
 
 
-def test_what_is_not_there_is_named(tmp_path, attitude_file):
-    """Contract: file and product."""
+def test_a_file_of_another_product_satellite_or_day_is_refused(tmp_path, attitude, acceleration, attitude_file):
+    """Contract: against the request, and header and records against the name; nothing there is named, too.
+
+    A Level-1B file in GPS time holds its day alone; on-board tags may lie hours beyond it.
+    """
     _refused(tmp_path / "SCA1B_2023-06-02_C_04.txt", "no file")
     _refused(attitude_file, "XYZ1B", "SCA1B", product="XYZ1B")
+    _refused(attitude_file, "satellite", "D", expect_satellite="D")
+    _refused(attitude_file, "2023-06-01", "2023-06-02", expect_date="2023-06-02")
+    _refused(write(attitude, tmp_path / "MAG1B_2023-06-01_C_04.txt", "SCA1B"), "columns in the header", "MAG1B")
+    other = write(attitude, tmp_path / "SCA1B_2023-06-01_D_04.txt", satellite="C")
+    _refused(other, "satellite", "C by its records")
+    _refused(write(attitude, tmp_path / "SCA1B_2023-06-04_C_04.txt"), "no record of 2023-06-04")
+    late = attitude | {"gps_time": attitude["gps_time"] + 3600}
+    _refused(write(late, tmp_path / "SCA1B_2023-05-31_C_04.txt"), "no record of 2023-05-31")
+    read(write(acceleration, tmp_path / "ACC1A_2023-05-31_C_04.txt"))
 
 
 def test_a_product_flag_that_does_not_fit_the_record_is_refused(acceleration_file):
@@ -121,41 +133,12 @@ def test_a_product_flag_that_does_not_fit_the_record_is_refused(acceleration_fil
     _refused(_damaged(acceleration_file, change), "30", "prod_flag")
 
 
-def test_header_of_another_product_is_refused(tmp_path, attitude):
-    """Contract: the columns the header lists are not those of the product of the name."""
-    path = write(attitude, tmp_path / "MAG1B_2023-06-01_C_04.txt", "SCA1B")
-    _refused(path, "columns in the header", "MAG1B")
-
-
-def test_wrong_satellite_is_refused(tmp_path, attitude, attitude_file):
-    """Contract: against the request, and records against the name."""
-    _refused(attitude_file, "satellite", "D", expect_satellite="D")
-    path = write(attitude, tmp_path / "SCA1B_2023-06-01_D_04.txt", satellite="C")
-    _refused(path, "satellite", "C by its records")
-
-
-def test_wrong_day_is_refused(tmp_path, attitude, attitude_file):
-    """Contract: against the request, and records against the name."""
-    _refused(attitude_file, "2023-06-01", "2023-06-02", expect_date="2023-06-02")
-    _refused(write(attitude, tmp_path / "SCA1B_2023-06-04_C_04.txt"), "no record of 2023-06-04")
-
-
-def test_gps_times_of_the_next_morning_are_the_wrong_day(tmp_path, attitude, acceleration):
-    """Contract: a Level-1B file in GPS time holds its day alone; on-board tags may lie hours beyond it."""
-    late = attitude | {"gps_time": attitude["gps_time"] + 3600}
-    _refused(write(late, tmp_path / "SCA1B_2023-05-31_C_04.txt"), "no record of 2023-05-31")
-    read(write(acceleration, tmp_path / "ACC1A_2023-05-31_C_04.txt"))
-
-
-def test_tags_of_another_time_scale_are_refused(acceleration_file):
-    """Contract: ACC1A holds receiver tags, R; a G says something else happened to it."""
+def test_tags_of_another_time_scale_are_refused_and_one_is_flagged(acceleration_file):
+    """Contract: ACC1A holds receiver tags, R; a day is not lost for one G, which keeps its values and is not used."""
+    clean, whole = acceleration_file.read_bytes(), read(acceleration_file)
     _damaged(acceleration_file, lambda lines: [line.replace(b"  R  ", b"  G  ") for line in lines])
     _refused(acceleration_file, "time_ref", "G")
-
-
-def test_one_tag_of_another_time_scale_is_flagged(acceleration_file):
-    """Contract: a day is not lost for one record; it keeps its values and is not used."""
-    whole = read(acceleration_file)
+    acceleration_file.write_bytes(clean)
     _damaged(acceleration_file, lambda lines: [*lines[:-2], lines[-2].replace(b"  R  ", b"  G  "), lines[-1]])
     damaged = read(acceleration_file)
     assert (damaged["flag"].values & UNUSABLE != 0).sum() == (whole["flag"].values & UNUSABLE != 0).sum() + 1
@@ -211,40 +194,29 @@ def test_values_that_are_not_finite_are_kept_and_flagged(tmp_path, acceleration,
 
 
 def test_quaternion_that_is_no_rotation_is_flagged(tmp_path, attitude):
-    """Contract: what exceeds the rounding of the file by far is flagged: 1e-7 among 16 digits, not 1e-10."""
+    """Contract: what exceeds the rounding of the file by far: 1e-7 among 16 digits, not 1e-10, nor among eight digits.
+
+    One coefficient scaled in every record leaves none: the file is refused.
+    """
+    path, names = tmp_path / "SCA1B_2023-06-01_C_04.txt", ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
+    assert not read(write(attitude | {n: np.round(attitude[n], 8) for n in names}, path)).flag.any()
+    with pytest.raises(ProductError, match="quaternions whose norm is not one"):
+        read(write(attitude | {"quatangle": attitude["quatangle"] * 1.01}, path))
     attitude["quatangle"][4] *= 1 + 1e-4
     attitude["quatangle"][5] *= 1 + 1e-10
-    for name in ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff"):
+    for name in names:
         attitude[name][7] *= 1 + 1e-7
     attitude["quatangle"][6] = attitude["quaticoeff"][6] = 0.0
-    observed = read(write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt"))
-    assert_array_equal(np.flatnonzero(observed.flag == readers.NOT_UNIT), [4, 6, 7])
+    assert_array_equal(np.flatnonzero(read(write(attitude, path)).flag == readers.NOT_UNIT), [4, 6, 7])
 
 
-def test_a_file_of_no_rotations_is_refused(tmp_path, attitude):
-    """Contract: one coefficient scaled by a thousandth in every record; each alone would be flagged, none is left."""
-    attitude["quatangle"] = attitude["quatangle"] * 1.01
-    with pytest.raises(ProductError, match="quaternions whose norm is not one"):
-        read(write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt"))
-
-
-def test_few_digits_are_no_damage(tmp_path, attitude):
-    """Contract: quaternions of eight digits are unit quaternions."""
-    for name in ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff"):
-        attitude[name] = np.round(attitude[name], 8)
-    observed = read(write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt"))
-    assert not observed.flag.any()
-
-
-def test_records_out_of_order_are_flagged(attitude_file):
-    """Contract: the record that comes too late carries the bit, all are kept."""
+def test_repeated_and_late_records_are_flagged_and_kept(attitude_file, attitude):
+    """Contract: the record that comes too late carries the bit; repeated with equal values one bit, others another."""
+    clean = attitude_file.read_bytes()
     observed = read(_damaged(attitude_file, lambda x: [*x[:8], *x[9:12], x[8], *x[12:]]))
     assert_array_equal(np.flatnonzero(observed.flag == readers.OUT_OF_ORDER), [11])
     assert observed.sizes["record"] == 20
-
-
-def test_repeated_records_are_flagged_by_their_values(attitude_file, attitude):
-    """Contract: equal values one bit, other values another."""
+    attitude_file.write_bytes(clean)
     old = f"{attitude['quaticoeff'][12]}".encode()
 
     def change(lines):
@@ -266,15 +238,11 @@ def _binary(tmp_path, records, size_of_last=47):
     return path
 
 
-def test_binary_records_read(tmp_path):
-    """Analytic: 47 bytes a record, big endian."""
+def test_binary_records_read_and_a_cut_one_is_refused(tmp_path):
+    """Analytic: 47 bytes a record, big endian; the message counts the records."""
     observed = read(_binary(tmp_path, 5))
     assert_array_equal(observed.gps_time, 443016000 + 5 * np.arange(5))
     assert_array_equal(observed.quatangle, 1.0)
     assert not observed.flag.any()
-
-
-def test_cut_binary_record_is_refused(tmp_path):
-    """Contract: the message counts the records."""
     facts = _refused(_binary(tmp_path, 5, size_of_last=20), "record 5", "20 bytes", "47")
     assert facts["record"] == 5

@@ -79,37 +79,23 @@ def test_a_limit_that_is_none_is_refused(monkeypatch, given):
         archive.limit()
 
 
-def declared(path, name, shape):
-    """Variable that declares far more than it holds."""
-    with h5py.File(path, "w") as file:
-        file.create_dataset(name, shape, "f8", chunks=True, compression="gzip")
-
-
 @pytest.mark.parametrize(
     ("name", "read"), [("IS1_2022-05-18_T_01.nc", daily.read), ("SGRS_2022-05-18_S_01.nc", daily.read_sgrs)]
 )
-def test_variables_that_declare_too_much_are_refused(tmp_path, name, read):
-    """Contract: 8 TB declared in a file of some kilobytes."""
-    declared(tmp_path / name, "time", (10**12,))
-    with pytest.raises(ProductError, match="declared variables"):
-        read(daily.inventory(tmp_path)[0])
-
-
-@pytest.mark.parametrize(
-    ("name", "read"), [("IS1_2022-05-18_T_01.nc", daily.read), ("SGRS_2022-05-18_S_01.nc", daily.read_sgrs)]
-)
-def test_variables_of_other_files_are_not_followed(tmp_path, name, read):
-    """Contract: a link to another file, and raw data in one."""
+def test_variables_that_declare_too_much_or_lie_elsewhere_are_refused(tmp_path, name, read):
+    """Contract: 8 TB declared in a file of some kilobytes; a link to another file, and raw data in one."""
     with h5py.File(tmp_path / "other.h5", "w") as file:
         file["time"] = np.arange(3.0)
-    with h5py.File(tmp_path / name, "w") as file:
-        file["time"] = h5py.ExternalLink("other.h5", "time")
-    with pytest.raises(ProductError, match="no variable of this file"):
-        read(daily.inventory(tmp_path)[0])
-    with h5py.File(tmp_path / name, "w") as file:
-        file.create_dataset("time", (3,), "f8", external=[(str(tmp_path / "other.h5"), 0, 24)])
-    with pytest.raises(ProductError, match="no variable of this file"):
-        read(daily.inventory(tmp_path)[0])
+    outside = {"external": [(str(tmp_path / "other.h5"), 0, 24)]}
+    for make, words in (
+        (lambda f: f.create_dataset("time", (10**12,), "f8", chunks=True, compression="gzip"), "declared variables"),
+        (lambda f: f.__setitem__("time", h5py.ExternalLink("other.h5", "time")), "no variable of this file"),
+        (lambda f: f.create_dataset("time", (3,), "f8", **outside), "no variable of this file"),
+    ):
+        with h5py.File(tmp_path / name, "w") as file:
+            make(file)
+        with pytest.raises(ProductError, match=words):
+            read(daily.inventory(tmp_path)[0])
 
 
 READ = """

@@ -14,15 +14,11 @@ MEASURED = Path(__file__).parents[3] / "shared" / "data" / "gracefo-2018-05-22"
 OFFSET = [107.2e-6, 3.7e-6, -12.4e-6]
 
 
-def test_a_line_has_the_fields_of_the_sequence_of_events_file():
-    """Contract: time, spacecraft, name, 3, x, y, z, comment."""
+def test_a_line_written_and_read_is_the_same_to_the_last_digit():
+    """Analytic: round trip of random numbers; fields as in a sequence of events: time, spacecraft, name, 3, x, y, z."""
     line = vcm.vector_line(633830400.0, "C", OFFSET, comment="grace-c-2020-02-01,\n mtq")
     assert line.split()[:4] == ["633830400.0", "GRACEC", "VCM", "3"]
     assert line.endswith("grace-c-2020-02-01, mtq")
-
-
-def test_a_line_written_and_read_is_the_same_to_the_last_digit():
-    """Analytic: round trip of random numbers."""
     rng = np.random.default_rng(1)
     for satellite in "ABCD":
         vector, time = rng.normal(size=3) * 1e-4, rng.uniform(0, 1e9)
@@ -61,26 +57,23 @@ def test_an_undetermined_component_is_not_written(vector, tmp_path):
 
 
 def test_a_file_written_and_read_is_the_same(tmp_path):
-    """Analytic: round trip through length and cosines, rounding 1e-16 relative."""
+    """Analytic: round trip through length and cosines, rounding 1e-16 relative; the header has the form of VKB1B.
+
+    It has 80 columns and counts its lines and bytes.
+    """
     time = np.array([633830400.0, 634435200.0])
     vector_b = np.array([OFFSET, [0.0, 0.0, 0.0]])
     path = vcm.write_vector_file(tmp_path / "VCM1B_2020-02-01_C_04.txt", time, "C", vector_b, source="com_offset, mtq")
     found_time, found = vcm.read_vector_file(path)
     assert_array_equal(found_time, time)
     assert_allclose(found, vector_b, rtol=1e-15, atol=0)
-    with pytest.raises(ProductError, match="whole GPS seconds"):
-        vcm.write_vector_file(path, 0.5, "C", OFFSET)
-
-
-def test_the_header_has_80_columns_and_counts_its_lines_and_bytes(tmp_path):
-    """Contract: header form of VKB1B."""
-    path = vcm.write_vector_file(tmp_path / "VCM1B_2020-02-01_C_04.txt", 633830400, "C", OFFSET)
     lines = path.read_text().splitlines()
     header = lines[: lines.index("END OF HEADER".ljust(80)) + 1]
-    assert {len(line) for line in header} == {80}
-    assert len(header) == 24
+    assert ({len(line) for line in header}, len(header)) == ({80}, 24)
     size = next(line for line in header if line.startswith("FILESIZE")).partition(":")[2]
     assert int(size) == path.stat().st_size
+    with pytest.raises(ProductError, match="whole GPS seconds"):
+        vcm.write_vector_file(path, 0.5, "C", OFFSET)
 
 
 @pytest.mark.measured

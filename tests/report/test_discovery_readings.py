@@ -10,7 +10,6 @@ import xarray as xr
 from gravcal.estimation.records import Reported
 from gravcal.report import discovery, pages
 from gravcal.report import discovery_words as words
-from gravcal.report.plain import quantity
 
 PLACE = {"finding": 0, "channel": "linear", "block": "manoeuvre 2", "axis": 1}
 
@@ -70,47 +69,33 @@ def test_a_panel_shows_reading_and_difference_in_units():
     assert np.abs(left["extended model"]).max() < 10
 
 
-def test_a_range_has_one_axis_and_what_is_not_named_no_extended_model():
+def test_what_is_not_named_or_helps_no_reading_has_no_model_and_no_panel():
     """Contract: the channel's own name beside the scale; the least likely band of an unexplained residual."""
     product = found(follows, axes=1, number=-1)
     figure = discovery.reading(product, -1)
     assert figure.axes[0].get_ylabel() == "range (nm)"
     assert "extended model" not in figure.axes[0].get_legend_handles_labels()[1]
     assert "least likely band" in discovery.caption(product, -1, {})
-
-
-def test_a_finding_that_helps_no_reading_has_no_panel():
-    """Contract: nothing drawn, nothing said."""
     product = found(follows)
-    assert discovery.reading(product, 1) is None
-    assert discovery.caption(product, 1, {}) == ""
+    assert (discovery.reading(product, 1), discovery.caption(product, 1, {})) == (None, "")
     assert discovery.shown(product.drop_vars("linear_measured"), 0) is None
 
 
 def test_the_caption_says_what_the_reading_is():
-    """Contract: reference of the reading, and whether it was put together again."""
+    """Contract: reference of the reading, and whether it was put together again; a step is drawn on its page."""
     caption = discovery.caption(found(follows), 0, {"linear": " It is low-passed."})
     assert "low-passed" in caption
     assert "linear form" not in caption
     assert "mean is left out" in discovery.caption(found(follows), 0, {})
     assert "linear form" in discovery.caption(found(follows, rebuilt="yes"), 0, {})
-
-
-@pytest.mark.parametrize(
-    ("given", "text"),
-    [
-        ((0.0199, 3.7e-4, "1"), "1.990 ± 0.037 %"),
-        ((3.2e-6, 2e-7, "1"), "3.20 ± 0.20 ×10⁻⁶"),
-        ((6.1e-12, 2.1e-13, "m s-2 A-1 m-2"), "6.10 ± 0.21 pm s⁻² A⁻¹ m⁻²"),
-        ((-0.3, 0.021, "s"), "−300 ± 21 ms"),
-        ((39.8, 2.2, "s"), "39.8 ± 2.2 s"),
-        ((1.2, 0.1, "kg m2"), "1.20 ± 0.10 kg m²"),
-        ((2e-8, None, "T"), "20 nT"),
-    ],
-)
-def test_quantities_have_the_unit_that_suits_them(given, text):
-    """Contract: prefix, two digits of the error, signs of print."""
-    assert quantity(*given) == text
+    product = found(stepped)
+    one = discovery._drawing(product, 0, Reported())
+    assert "Folded" not in one.caption
+    document = {"provenance": {}, "calibration": "case", "event": "case", "origin": "measured", "checks": []}
+    document |= {"configuration": "operational", "status": "delivered", "settings": {"level": 1}}
+    sections = [pages.Section("The findings", figures=[one])]
+    text = pages.page(document, sections, {"discovery": product}, heading="Case", verdict="Case.")
+    assert "<img" in text
 
 
 def finding(cause, form="", **parameters):
@@ -204,19 +189,3 @@ def test_the_verdict_says_what_moves_what_is_tied_and_alarms():
     mixed = change | {"unit": "1e-6 rad s-2 V-1, um", "after": [39567.0, 2.0], "sigma_after": [228.0, 1.0]}
     text = words.verdict(said | {"calibration_change": mixed, "p_quiet_after": 0.3})
     assert "x by −0.01 to 39.57 ± 0.23 mrad s⁻² V⁻¹" in text
-
-
-def test_a_finding_that_is_not_folded_has_its_panel_on_the_page():
-    """Contract: a step against time, drawn where the page asks for its discovery."""
-    product = found(stepped)
-    one = discovery._drawing(product, 0, Reported())
-    assert "Folded" not in one.caption
-    text = pages.page(
-        {"provenance": {}, "calibration": "case", "event": "case", "origin": "measured"}
-        | {"configuration": "operational", "status": "delivered", "checks": [], "settings": {"level": 1}},
-        [pages.Section("The findings", figures=[one])],
-        {"discovery": product},
-        heading="Case",
-        verdict="Case.",
-    )
-    assert "<img" in text

@@ -6,7 +6,7 @@ import netCDF4
 import numpy as np
 import pytest
 from commands import document as document_of
-from draws import ALARM, MISSED, clean, enough
+from seeds import ALARM, MISSED, clean, enough
 
 from flows import inertial_sensor
 
