@@ -209,7 +209,7 @@ def quiet(rng, amplitude):
 
 
 def test_a_tone_is_found_and_taken_out():
-    """Recovery: a tone ten times the noise density leaves no power behind; other axes and clean draws stay as they are."""
+    """Recovery: a tone ten times the noise density leaves no power behind; other axes and clean draws stay so."""
     rng = np.random.default_rng(6)
     pieces = quiet(rng, 3.0)
     cleaned, found = without_lines(pieces, 0.5)

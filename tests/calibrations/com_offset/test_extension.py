@@ -9,50 +9,25 @@ import xarray as xr
 
 from gravcal.calibrations.com_offset import manoeuvre, responses
 from gravcal.calibrations.com_offset.attitude import _star_camera
-from gravcal.calibrations.com_offset.model import angular_acceleration
-from gravcal.calibrations.com_offset.noise import noise, quiet
 from gravcal.calibrations.com_offset.observations import observe
 from gravcal.estimation.records import Candidate, Entry, Fitted, Parameter
 
 
-def field_written_twice(count=6):
-    """Field that is renewed once a second and written twice."""
-    values = np.repeat(np.random.default_rng(1).normal(0, 2e-5, (count, 3)), 2, axis=0)
-    time = np.arange(2 * count) * 0.5 + 0.083
-    return xr.Dataset({"field_measured_b": (("time_mag", "axis"), values.copy())}, {"time_mag": time}), values
-
-
-def test_a_field_that_is_written_twice_is_changed_twice():
-    """Analytic: either record of a pair may be the one that is looked at; both lose the contribution, once."""
-    for first in (0, 1):
-        extended, before = field_written_twice()
-        rows = np.arange(first, before.shape[0], 2)
-        added = np.random.default_rng(2).normal(0, 1e-8, (rows.size, 3))
-        responses.subtract_field(extended, extended["time_mag"].values[rows], added)
-        np.testing.assert_allclose(
-            before - extended["field_measured_b"].values, np.repeat(added, 2, axis=0), atol=1e-20
-        )
-
-
-def test_a_field_that_is_written_twice_turns_as_one():
-    """Analytic: the angle grows from record to record, a repeated value takes the one of its first record."""
-    _, values = field_written_twice()
-    angle = np.arange(12)[:, None] * np.array([0.0, 0.0, 1e-4])
+def test_a_field_that_is_written_twice_is_changed_and_turned_as_one():
+    """Analytic: whichever of a pair is looked at, both lose the contribution; records that differ only theirs."""
+    rng, time = np.random.default_rng(1), np.arange(12) * 0.5 + 0.083
+    values, added = np.repeat(rng.normal(0, 2e-5, (6, 3)), 2, axis=0), rng.normal(0, 1e-8, (6, 3))
+    for first, twice in ((0, True), (1, True), (0, False)):
+        before = values if twice else values + np.arange(12)[:, None] * 1e-9
+        extended = xr.Dataset({"field_measured_b": (("time_mag", "axis"), before.copy())}, {"time_mag": time})
+        responses.subtract_field(extended, time[first::2], added)
+        expected = np.repeat(added, 2, axis=0) * (twice | (np.arange(12) % 2 == first))[:, None]
+        np.testing.assert_allclose(before - extended["field_measured_b"].values, expected, atol=1e-20)
+    angle = np.arange(12)[:, None] * np.array([0.0, 0.0, 1e-4])  # grows from record to record
     turned = responses.rotated(angle, values)
     np.testing.assert_array_equal(turned[1::2], turned[::2])
     expected = values[::2] + np.cross(angle[::2], values[::2])
     np.testing.assert_allclose(turned[::2], expected, atol=2e-6 * np.abs(values).max())
-
-
-def test_fields_that_are_all_different_are_changed_where_they_are_looked_at():
-    """Analytic: records without repetition keep what is not looked at."""
-    extended, _ = field_written_twice()
-    values = extended["field_measured_b"].values
-    values += np.arange(12)[:, None] * 1e-9
-    before = values.copy()
-    responses.subtract_field(extended, extended["time_mag"].values[::2], np.full((6, 3), 1e-8))
-    np.testing.assert_allclose((before - values)[::2], 1e-8, rtol=1e-6)
-    np.testing.assert_array_equal(before[1::2], values[1::2])
 
 
 def test_the_star_camera_may_sample_anywhere_in_the_second():
@@ -76,20 +51,16 @@ def test_the_star_camera_may_sample_anywhere_in_the_second():
 TORQUERS = {name: tools.SATELLITE[name] for name in ("inertia", "dipole_per_current")}
 
 
-def solved(made, chosen):
-    """Solution with the torquers from products up to the attitude."""
-    settings = chosen.for_stage("angular_acceleration") | {
-        n: tools.SATELLITE[n] for n in (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
-    }
-    turning = angular_acceleration(made["attitude"], made["align"], variant="mtq", **settings)
-    measured = noise(quiet(made["align"], **chosen.for_stage("quiet")), **chosen.for_stage("noise"))
-    return tools.solution(made["align"], made["attitude"], turning, measured, chosen)
+def offset_of(made, chosen, aligned):
+    """Offset with the torquers from other records."""
+    return manoeuvre.offset_of(tools.solved(made | {"align": aligned}, chosen, ("mtq",))["solve"]["mtq"])
 
 
 def seen(observed):
     """What discovery sees of ingested records, and the products and parameters behind it."""
     made, chosen = tools.smoothed(observed)
-    made["solve"] = solved(made, chosen)
+    made = tools.solved(made, chosen, ("mtq",))
+    made |= {"solve": made["solve"]["mtq"]}
     settings = TORQUERS | {"mass": float(tools.SATELLITE["mass_at_launch"])}
     for stage in ("attitude", "quiet", "equations", "noise", "solve", "discovery", "combine"):
         settings |= chosen.for_stage(stage)
@@ -107,7 +78,7 @@ def test_an_offset_that_moves_is_that_at_the_middle_of_the_manoeuvres(moving):
     """Recovery: with the motion taken out the offset is met to 8 um; at the first edge it is 90 um from there."""
     found, made, chosen = seen(moving[0])
     entry = Entry("accelerometer.moving_offset", "", {"speed_x": Parameter(1e-6, 0.0, "m s-1")})
-    offset = manoeuvre.offset_of(solved(made | {"align": found.without([entry])}, chosen))
+    offset = offset_of(made, chosen, found.without([entry]))
     np.testing.assert_allclose(1e6 * offset, moving[1]["offset_um"], atol=8.0)
 
 
@@ -119,9 +90,7 @@ def test_a_decay_that_the_drift_takes_up_moves_no_offset(moving):
     }
     entry = Entry("unknown:time", "linear reading, decay 80 s from the start", sizes)
     assert 1e-11 < np.abs(responses.contribution(found.views[0], entry)["linear"][:, 2]).max() < 1e-8
-    before, after = (
-        manoeuvre.offset_of(solved(made | {"align": one}, chosen)) for one in (made["align"], found.without([entry]))
-    )
+    before, after = (offset_of(made, chosen, one) for one in (made["align"], found.without([entry])))
     np.testing.assert_allclose(1e6 * after, 1e6 * before, atol=1.0)
 
 

@@ -57,15 +57,6 @@ def test_twice_integrated_a_lag_is_a_later_edge_and_half_its_square(tau):
             assert abs(swung - row[axis]) < 1e-7
 
 
-def test_the_lead_of_a_short_lag_is_the_lag_and_of_a_long_one_less():
-    """Property: the start of the search lies below the lag and grows with it."""
-    lags = np.array(lag.TRIED_S)
-    leads = lag.usual_lead(lags)
-    assert np.all(np.diff(leads) > 0)
-    assert np.all(leads < lags)
-    assert leads[0] > 0.95 * lags[0]
-
-
 def test_an_entry_keeps_its_leads_by_manoeuvre():
     """Property: what a finding says of one manoeuvre is not taken for another's."""
     views = [SimpleNamespace(time=np.array([t, t + 1])) for t in (100.0, 700.0)]

@@ -35,42 +35,25 @@ def test_each_manoeuvre_determines_what_it_turns(made):
     assert combined["determined"].values.all()
 
 
-def test_a_pitch_alone_leaves_y_undetermined():
-    """Contract: not a number in the value, an infinite or large variance, no exception."""
-    observed, _ = tools.event(41, manoeuvres=("pitch_high",))
-    combined = tools.chain(observed)["combine"]
-    assert combined["determined"].values[:, 0].all()
-    assert not combined["determined"].values[:, 1].any()
-    assert np.isnan(combined["offset"].values[:, 1]).all()
-    assert np.isfinite(combined["offset"].values[:, 0]).all()
-
-
-def test_the_offset_follows_the_reading(made):
-    """Analytic: a reading larger by the model of a known offset moves the torquer's estimate by that offset."""
+def test_the_offset_follows_the_reading_and_no_bias_or_trend(made):
+    """Analytic: a reading larger by the model of an offset moves the torquer's estimate by it, drift does not."""
     made, _ = made
     smoothed, aligned = made["attitude"], made["align"]
+    time = aligned["time_acc"].values
+    drift = 1e-5 * np.array([1.0, -2.0, 0.5]) + 1e-12 * (time - time[0])[:, None] * np.array([1.0, 1.0, -1.0])
     added = np.array([3e-5, -2e-5, 5e-5])
     tensor = offset_tensor(*(smoothed[n].values for n in ("rate_b", "rate_dot_mtq_b", "gradient_b")))
     linear = aligned["linear_b"].values.copy()
-    linear[np.searchsorted(aligned["time_acc"].values, smoothed["time_acc"].values)] -= tensor @ added
-    moved = aligned.assign(linear_b=(aligned["linear_b"].dims, linear))
+    linear[np.searchsorted(time, smoothed["time_acc"].values)] -= tensor @ added
+    moved, drifting = (
+        aligned.assign(linear_b=(("time_acc", "axis"), v)) for v in (linear, aligned["linear_b"].values + drift)
+    )
     others = (smoothed, made["angular_acceleration"]["mtq"], made["noise"], catalog.parameters("com_offset"))
-    one, other = (tools.solution(a, *others) for a in (aligned, moved))
+    one, other, same = (tools.solution(a, *others) for a in (aligned, moved, drifting))
     assert_allclose(other["right"].values - one["right"].values, np.matvec(one["normal"].values, added), rtol=1e-6)
     assert_allclose(one["information"].values, other["information"].values, rtol=1e-9)
-
-
-def test_a_bias_and_a_trend_of_the_accelerometer_change_nothing(made):
-    """Analytic: constant and slope per manoeuvre lie in the drift; the estimate does not see 1e-5 m s-2."""
-    made, _ = made
-    aligned = made["align"]
-    time = aligned["time_acc"].values
-    extra = 1e-5 * np.array([1.0, -2.0, 0.5]) + 1e-12 * (time - time[0])[:, None] * np.array([1.0, 1.0, -1.0])
-    moved = aligned.assign(linear_b=(aligned["linear_b"].dims, aligned["linear_b"].values + extra))
-    others = (made["attitude"], made["angular_acceleration"]["mtq"], made["noise"], catalog.parameters("com_offset"))
-    one, other = (tools.solution(a, *others) for a in (aligned, moved))
-    scale = np.abs(one["right"].values).max()
-    assert_allclose(other["right"].values, one["right"].values, atol=1e-6 * scale)  # rounding of the bias
+    size = np.abs(one["right"].values).max()
+    assert_allclose(same["right"].values, one["right"].values, atol=1e-6 * size)  # rounding of the bias
 
 
 def test_noise_that_is_louder_at_one_manoeuvre_weakens_it(made):

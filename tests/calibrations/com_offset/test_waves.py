@@ -46,7 +46,7 @@ def brackets(wave, true):
 @pytest.mark.parametrize("polarity", [1, -1])
 @pytest.mark.parametrize("amplitude", [25.0, 60.0, 110.05])
 def test_waves_are_found_at_any_fraction_and_every_edge_is_bracketed(amplitude, polarity):
-    """Recovery: 25 random fractions; one wave each, edges within half a second, levels as flown."""
+    """Recovery: 25 random fractions; one wave each, edges and common start within half a second, levels as flown."""
     rng = seeds.generator("test_waves_are_found_at_any_fraction_and_every_edge_is_bracketed", 0)
     for start in START + rng.uniform(0, 1, 25):
         time, current = record(start, rng=rng, amplitude=amplitude, polarity=polarity)
@@ -57,6 +57,9 @@ def test_waves_are_found_at_any_fraction_and_every_edge_is_bracketed(amplitude, 
         assert np.allclose(np.abs(wave.level), amplitude, atol=0.5)
         assert np.sign(wave.level[0]) == polarity
         assert wave.rod == 1
+        lower, upper = regular_edges(wave, 12.0)
+        assert lower - 1e-9 <= start <= upper + 1e-9
+        assert upper - lower <= 0.5 + 1e-9
 
 
 @pytest.mark.parametrize("fraction", [0.083329, 0.583329, 0.0833291, 0.0833289])
@@ -67,16 +70,6 @@ def test_an_edge_on_a_sample_is_bracketed(fraction):
     assert brackets(wave, edges_of(START + fraction)).all()
     lower, upper = regular_edges(wave, 12.0)
     assert lower - 1e-6 <= START + fraction <= upper + 1e-6
-
-
-def test_the_common_start_lies_in_the_interval_of_all_edges():
-    """Recovery: 50 fractions; the interval that all edges leave contains the truth and is no longer than a sample."""
-    rng = seeds.generator("test_the_common_start_lies_in_the_interval_of_all_edges", 0)
-    for start in START + rng.uniform(0, 1, 50):
-        (wave,) = find_waves(*record(start, rng=rng), 2, SETTINGS)
-        lower, upper = regular_edges(wave, 12.0)
-        assert lower - 1e-9 <= start <= upper + 1e-9
-        assert upper - lower <= 0.5 + 1e-9
 
 
 @pytest.mark.parametrize(("begin", "end"), [(0, 250.3), (271.2, 600), (230.6, 330.1)])
@@ -107,31 +100,35 @@ def test_missing_telemetry_inside_the_wave_widens_an_edge_and_moves_none():
     assert wave.upper[7] - wave.lower[7] == pytest.approx(1.0)
 
 
-def test_ten_hours_of_control_currents_hold_no_wave():
-    """Recovery: limit-cycle currents of the control, twice and ten times as large as measured, are no manoeuvre."""
-    rng = seeds.generator("test_ten_hours_of_control_currents_hold_no_wave", 0)
-    time = np.arange(0, 36000, 0.5)
+def control():
+    """Ten hours of limit-cycle currents, as large as measured."""
+    time, rng = np.arange(0, 36000, 0.5), seeds.generator("test_what_is_no_wave_is_not_found", 0)
     slow = np.cumsum(rng.standard_normal(time.size)) * 0.05
-    control = 8.0 * np.sin(2 * np.pi * time / 5670) + 6 * np.sin(slow) + rng.standard_normal(time.size)
-    for scale in (2.0, 10.0):
-        assert find_waves(time, scale * control, 0, SETTINGS) == []
+    return time, 8.0 * np.sin(2 * np.pi * time / 5670) + 6 * np.sin(slow) + rng.standard_normal(time.size)
 
 
-@pytest.mark.parametrize("period", [8.0, 15.0, 24.0])
-def test_a_square_wave_of_another_period_is_not_taken(period):
-    """Contract: the wave's period is a setting, another one is not mistaken for it."""
+def of_period(period):
+    """A square wave of another period."""
     time = np.arange(0, 600, 0.5) + 0.083
-    current = 110 * np.sign(np.sin(2 * np.pi * (time - 100.1) / period)) * ((time > 100) & (time < 300))
-    assert find_waves(time, current, 0, SETTINGS) == []
+    return time, 110 * np.sign(np.sin(2 * np.pi * (time - 100.1) / period)) * ((time > 100) & (time < 300))
 
 
-def test_unequal_sizes_and_one_sided_pulses_are_no_wave():
-    """Contract: signs must alternate and sizes agree."""
-    time = np.arange(0, 600, 0.5)
-    pulses = np.where(np.floor((time - 100) / 6) % 2 == 0, 110.0, 0.0) * ((time > 100) & (time < 300))
-    assert find_waves(time, pulses, 0, SETTINGS) == []
-    wave = square(time, 100.0)
-    assert find_waves(time, np.where(wave < 0, 0.5 * wave, wave), 0, SETTINGS) == []
+TIME = np.arange(0, 600, 0.5)
+NO_WAVE = {
+    "control, twice": lambda: (control()[0], 2 * control()[1]),
+    "control, ten times": lambda: (control()[0], 10 * control()[1]),
+    "8 s": lambda: of_period(8.0),
+    "15 s": lambda: of_period(15.0),
+    "24 s": lambda: of_period(24.0),
+    "one-sided": lambda: (TIME, np.maximum(square(TIME, 100.0), 0.0)),
+    "unequal": lambda: (TIME, np.where(square(TIME, 100.0) < 0, 0.5, 1.0) * square(TIME, 100.0)),
+}
+
+
+@pytest.mark.parametrize("name", NO_WAVE)
+def test_what_is_no_wave_is_not_found(name):
+    """Contract: signs alternate, sizes agree, the period is a setting; control currents are no manoeuvre."""
+    assert find_waves(*NO_WAVE[name](), 0, SETTINGS) == []
 
 
 def test_a_control_current_of_the_same_sign_is_not_part_of_the_last_half_period():
@@ -199,14 +196,9 @@ def test_repeated_unsorted_and_flagged_telemetry_gives_the_same_manoeuvres():
 
 
 def test_of_waves_at_the_same_time_the_strongest_is_the_manoeuvre():
-    """Contract: cross-talk in the telemetry of another rod does not make a second manoeuvre."""
+    """Contract: cross-talk in the telemetry of another rod makes no second manoeuvre; an empty record holds none."""
     time, current = record(START + 0.7)
     currents = np.stack([0.3 * current, 0 * current, -current], axis=1)
     found = detect(magnetometer(time, currents, (25.0, 1.0, 3.0)), **SETTINGS)
     assert found["rod"].values.tolist() == [2]
-
-
-def test_an_empty_record_holds_no_manoeuvre():
-    """Contract: header-only telemetry gives an empty product, not an exception."""
-    found = detect(magnetometer(np.zeros(0), np.zeros((0, 3)), (1.0, 2.0, 3.0)), **SETTINGS)
-    assert found.sizes["manoeuvre"] == 0
+    assert detect(magnetometer(time[:0], currents[:0], (1.0, 2.0, 3.0)), **SETTINGS).sizes["manoeuvre"] == 0
