@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal import effects
 from gravcal.effects import CHANNELS, Context, accelerometer, catalogue, effect, sensors, torque
 from gravcal.errors import CatalogError
 from gravcal.physics import sensing
@@ -81,17 +80,12 @@ def test_an_effect_is_stated_in_full(slug):
         assert p.prior_sigma > 0
 
 
-def test_slugs_are_unique_and_catalogued():
-    """Contract: no effect of a family module is lost because another has its name."""
+def test_slugs_are_unique_and_an_unknown_one_names_what_is_near():
+    """Contract: no effect of a family is lost because another has its name; a typing error is answered."""
     families = (accelerometer.EFFECTS, sensors.EFFECTS, sensors.TIMING, torque.EFFECTS)
     every = [e.slug for family in families for e in family]
     assert len(every) == len(set(every))
     assert set(every) <= set(SLUGS)
-    assert effects.effect("accelerometer.offset").slug == "accelerometer.offset"
-
-
-def test_an_unknown_slug_names_what_is_near():
-    """Contract: a typing error is answered with the effect that was meant."""
     with pytest.raises(CatalogError, match="torque.dipole_gain"):
         effect("torque.dipole_gian")
 
@@ -133,33 +127,18 @@ def test_what_is_called_linear_is(slug):
     assert_allclose(both, parts, atol=1e-12 * np.abs(parts).max())  # rounding
 
 
-def test_the_offset_is_the_tensor_of_the_equations():
-    """Analytic: f = (M - G) p with p = -offset, M written out element by element (equations.md M1), and sensing."""
-    scene, offset = context(), np.array([1.07e-4, -4e-5, 1.2e-5])
-    found = effect("accelerometer.offset").contribution(scene, offset)
-    (wx, wy, wz), (dx, dy, dz) = scene.rate_b.T, scene.rate_dot_b.T
-    M = np.array(
-        [
-            [-(wy**2) - wz**2, wx * wy - dz, wx * wz + dy],
-            [wx * wy + dz, -(wx**2) - wz**2, wy * wz - dx],
-            [wx * wz - dy, wy * wz + dx, -(wx**2) - wy**2],
-        ]
-    )
-    expected = (np.moveaxis(M, 2, 0) - scene.gradient_b) @ -offset
-    assert_allclose(found, expected, rtol=1e-12, atol=1e-24)  # rounding
+def test_an_offset_is_felt_by_its_tensor_and_a_moving_one_by_the_coriolis_term():
+    """Analytic: f = (M - G) p with p = -offset; p moves at speed v, zero at mid manoeuvre: t T v + 2 w x v."""
+    scene, speed, offset = context(), np.array([1e-7, -2e-7, 3e-7]), np.array([1.07e-4, -4e-5, 1.2e-5])
     tensor = sensing.offset_tensor(scene.rate_b, scene.rate_dot_b, scene.gradient_b)
-    assert_allclose(found, sensing.proof_mass_reading(0.0, tensor, -offset), rtol=1e-12, atol=1e-24)
-
-
-def test_a_moving_offset_adds_the_coriolis_term():
-    """Analytic: p moves at speed v, zero at mid manoeuvre: t T v + 2 w x v, seen with the sign of p = -offset."""
-    scene, speed = context(), np.array([1e-7, -2e-7, 3e-7])
+    assert_allclose(
+        effect("accelerometer.offset").contribution(scene, offset), -tensor @ offset, rtol=1e-12, atol=1e-24
+    )
     found = effect("accelerometer.moving_offset").contribution(scene, speed)
     middle = (scene.start + scene.stop) / 2
     for k in (0, 20, COUNT - 1):
         elapsed = scene.time[k] - middle[np.argmin(np.abs(scene.time[k] - middle))]
-        tensor = sensing.offset_tensor(scene.rate_b[k], scene.rate_dot_b[k], scene.gradient_b[k])
-        expected = -(elapsed * tensor @ speed + 2 * np.cross(scene.rate_b[k], speed))
+        expected = -(elapsed * tensor[k] @ speed + 2 * np.cross(scene.rate_b[k], speed))
         assert_allclose(found[k], expected, rtol=1e-10)
 
 
@@ -207,15 +186,6 @@ def test_signs_are_as_stated(slug):
     assert_allclose(entry.contribution(scene, entry.values(given))[0], expected, rtol=1e-12, atol=1e-22)
 
 
-def test_delays_are_the_number_given():
-    """Analytic: a late tag is late by the same time everywhere; a drift grows."""
-    scene = context()
-    for slug in ("timing.accelerometer_delay", "timing.star_camera_delay", "timing.magnetometer_delay"):
-        assert_allclose(effect(slug).contribution(scene, [0.3]), 0.3)
-    drift = effect("timing.clock_drift").contribution(scene, [1e-6])
-    assert_allclose(np.diff(drift), 1e-6 * np.diff(scene.time), rtol=1e-6)
-
-
 def test_a_lag_takes_from_each_step_its_exponential():
     """Analytic: first-order lag of one step, sampled finely: -step exp(-t / tau) after it, nothing before."""
     time = np.arange(0, 3, 0.01)
@@ -226,9 +196,13 @@ def test_a_lag_takes_from_each_step_its_exponential():
     assert_allclose(found[after, 0], -27.5 * np.exp(-(time[after] - 1.0) / 0.2), rtol=1e-9)
 
 
-def test_a_tone_and_a_step_are_what_they_say():
-    """Analytic: sine from the first epoch on; step from its time on."""
+def test_a_tone_a_step_and_a_late_tag_are_what_they_say():
+    """Analytic: sine from the first epoch on; step from its time on; late everywhere the same; a drift grows."""
     scene = context()
+    for slug in ("timing.accelerometer_delay", "timing.star_camera_delay", "timing.magnetometer_delay"):
+        assert_allclose(effect(slug).contribution(scene, [0.3]), 0.3)
+    drift = effect("timing.clock_drift").contribution(scene, [1e-6])
+    assert_allclose(np.diff(drift), 1e-6 * np.diff(scene.time), rtol=1e-6)
     elapsed = scene.time - scene.time[0]
     tone = effect("accelerometer.stray_tone").contribution(scene, [0.1, 1e-10, 0, 2e-10, 0.5])
     assert_allclose(tone, np.sin(0.2 * np.pi * elapsed + 0.5)[:, None] * [1e-10, 0, 2e-10], atol=1e-24)
