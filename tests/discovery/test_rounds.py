@@ -12,7 +12,7 @@ from gravcal.discovery.attribution import beside_calibration
 from gravcal.discovery.driver import Limits, discover
 from gravcal.discovery.limits import detection_limits
 from gravcal.discovery.model_average import _held, _with, delivered, left_open
-from gravcal.discovery.problem import baseline_of, basis_of, drawn_noise, prepare
+from gravcal.discovery.problem import baseline_of, drawn_noise, prepare
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
@@ -357,14 +357,6 @@ def test_readings_that_leave_nothing_to_test_are_refused():
     taken = Candidate("case.a", "", ["size"], ["1"], [line])
     with pytest.raises(EstimationError, match="12 readings in 1 blocks leave nothing to test"):
         search([short], [taken], CHOICE, np.random.default_rng(1))
-
-
-def test_the_basis_spans_the_columns():
-    """Analytic: columns minus their part along the basis vanish, a repeated column adds nothing."""
-    columns = np.random.default_rng(2).standard_normal((50, 4))
-    basis = basis_of(np.concatenate([columns, columns[:, :1]], axis=1))
-    assert basis.shape == (50, 4)
-    assert np.allclose(columns - basis @ (basis.T @ columns), 0, atol=1e-12)
 
 
 def test_a_cause_of_a_few_numbers_is_tested_on_every_second_of_them():
