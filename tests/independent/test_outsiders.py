@@ -12,15 +12,14 @@ from gravcal.store import store
 from tasks.stage import read
 
 from . import gradient, ranging, taiji
-from .rows import table
+from .conftest import table
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "gracefo-2023-06-01"
 
 
 @pytest.fixture
-def called(tmp_path, monkeypatch):
+def called(tmp_path):
     """Function from command, calibration and settings to its document on the files in `tmp_path`/data."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
 
     def call(command, calibration, *settings):
         words = [word for setting in settings for word in ("--set", setting)]
