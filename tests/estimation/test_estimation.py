@@ -139,16 +139,6 @@ def test_a_direction_without_information_has_infinite_variance():
         assert_allclose(inverse(A.T @ A), np.linalg.inv(A.T @ A), rtol=1e-6)
 
 
-def test_weakening_is_the_woodbury_identity():
-    """Analytic: W I = (I^-1 + M M^T)^-1."""
-    rng = np.random.default_rng(7)
-    A, modes = rng.standard_normal((10, 3)), rng.standard_normal((4, 3))
-    information = A.T @ A
-    expected = np.linalg.inv(np.linalg.inv(information) + modes.T @ modes)
-    assert_allclose(least_squares.weakening(information, modes) @ information, expected, rtol=1e-9)
-    assert_allclose(least_squares.weakening(information, np.zeros((0, 3))), np.eye(3))
-
-
 def test_a_block_that_says_nothing_of_a_component_joins_without_harm():
     """Analytic: a singular block adds what it knows, and takes part in the degrees of freedom by its rank."""
     full, part = np.diag([2.0, 3.0, 4.0]), np.diag([5.0, 0.0, 0.0])
