@@ -1,5 +1,7 @@
 """Offsets of single manoeuvres and their combination: what is not determined, how sizes scale, what agrees."""
 
+import json
+
 import com_offset_chain as tools
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from gravcal import catalog
-from gravcal.calibrations.com_offset.estimate import _joint, combine
+from gravcal.calibrations.com_offset.estimate import _joint, combine, with_model_error
 from gravcal.calibrations.com_offset.noise import noise, quiet
 from gravcal.physics.sensing import offset_tensor
 from gravcal.simulation.sensors import table_density
@@ -120,7 +122,7 @@ def four(make):
 
 
 def test_the_combination_is_the_mean_weighted_with_full_matrices():
-    """Analytic: against the dense weighted mean; catalogue errors only in the total covariance."""
+    """Analytic: the dense weighted mean, catalogue errors in the total alone; ten sigma in one of three; nothing."""
     rng = np.random.default_rng(1)
     A = rng.standard_normal((3, 20, 3)) * 1e5
     information, offsets = np.swapaxes(A, 1, 2) @ A, 1e-5 * rng.standard_normal((3, 3))
@@ -133,16 +135,31 @@ def test_the_combination_is_the_mean_weighted_with_full_matrices():
     assert_allclose(combined["covariance"].values[0], total, rtol=1e-4, atol=1e-16)
     expected = total + np.diag([4e-12, 1e-12, 0])
     assert_allclose(combined["covariance_total"].values[0], expected, rtol=1e-4, atol=1e-16)
-
-
-def test_manoeuvres_that_disagree_are_found():
-    """Analytic: one of three moved by ten sigma along x."""
-    information = np.broadcast_to(np.eye(3) * 1e12, (3, 3, 3))
-    offsets = np.zeros((3, 3))
-    offsets[1, 0] = 1e-5
-    combined = four(lambda v: solved(v, offsets, information))
+    moved = np.array([[0.0, 0, 0], [1e-5, 0, 0], [0, 0, 0]])
+    combined = four(lambda v: solved(v, moved, np.broadcast_to(np.eye(3) * 1e12, (3, 3, 3))))
     assert float(combined["chi2"][0]) == pytest.approx(100 * 2 / 3)
     assert stats.chi2.sf(float(combined["chi2"][0]), int(combined["dof"][0])) < 1e-9
+    combined = four(lambda v: solved(v, np.full((2, 3), np.nan), np.zeros((2, 3, 3))))  # blocks without samples
+    assert np.isnan(combined["offset"].values).all()
+    assert not combined["determined"].values.any()
+
+
+def test_moves_of_a_model_add_to_both_covariances():
+    """Analytic: S + sum d d', the offsets as they were; from the limit on a component is not determined."""
+    base = four(lambda v: solved(v, np.full((3, 3), 1e-5), np.broadcast_to(np.eye(3) * 1e12, (3, 3, 3))))
+    moves = np.array([[3e-6, 0, -1e-6], [0, 2e-6, 0]])
+    widened = with_model_error(base, *(base.assign(offset=base["offset"] + m) for m in moves), determined_sigma_um=50.0)
+    for name in ("covariance", "covariance_total"):
+        added = widened[name].values - base[name].values
+        assert_allclose(added, np.broadcast_to(moves.T @ moves, added.shape), rtol=1e-9, atol=1e-20)
+    assert_allclose(widened["offset"].values, base["offset"].values, rtol=0)
+    search = {"correction": [1e-6, 0, -2e-6], "covariance": np.diag([1e-12, 4e-12, 0]).tolist()}
+    found = with_model_error(base, determined_sigma_um=50.0, added=json.dumps(search))
+    assert_allclose(found["offset"].values, base["offset"].values + search["correction"])
+    assert_allclose(found["covariance"].values[1], base["covariance"].values[1] + search["covariance"])
+    widened = with_model_error(base, base.assign(offset=base["offset"] + [0, 60e-6, 0]), determined_sigma_um=50.0)
+    np.testing.assert_array_equal(widened["determined"].values, [[1, 0, 1]] * 4)
+    assert np.isnan(widened["offset"].values[:, 1]).all()
 
 
 def drawn(rng, information, own):
@@ -196,13 +213,6 @@ def test_an_error_of_the_catalogue_is_seen_by_its_own_test_alone():
         assert float(combined["variants_chi2"]) == pytest.approx(0.0, abs=1e-9)
     assert float(some["catalogue_chi2"]) == pytest.approx(9.0, rel=1e-3)
     assert float(much["catalogue_chi2"]) == pytest.approx(900.0, rel=1e-3)
-
-
-def test_no_manoeuvre_that_can_be_solved_gives_no_number():
-    """Contract: blocks without samples leave every component undetermined."""
-    combined = four(lambda v: solved(v, np.full((2, 3), np.nan), np.zeros((2, 3, 3))))
-    assert np.isnan(combined["offset"].values).all()
-    assert not combined["determined"].values.any()
 
 
 def test_published_processing_shows_its_small_errors():
