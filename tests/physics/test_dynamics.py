@@ -35,6 +35,12 @@ def test_gradient_torque_equals_the_sum_over_mass_points():
     assert_allclose(torque, brute, rtol=1e-5, atol=np.abs(brute).max() * 1e-6)  # next order of the expansion
 
 
+def test_eulers_equation_has_the_gyroscopic_term_with_minus():
+    """Analytic: J = diag(1, 2, 4), w = (1, 1, 0): w x J w = (0, 0, 1), so w' = (0, 0, -1/4) without torque."""
+    rate_dot = dynamics.rate_derivative(np.diag([1.0, 2, 4]), [1.0, 1, 0], np.zeros(3))
+    assert_allclose(rate_dot, [0, 0, -0.25], atol=1e-16)  # rounding
+
+
 def test_a_free_symmetric_top_precesses_at_the_known_rate():
     """Analytic: w_x + i w_y turns at (Jz - Jx)/Jx w_z; angular momentum and energy stay."""
     J, w0 = np.diag([100.0, 100, 150]), np.array([0.01, 0, 0.05])
