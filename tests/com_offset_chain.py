@@ -58,16 +58,22 @@ def smoothed(observed, satellite=SATELLITE, **settings):
 def chain(observed, satellite=SATELLITE, **settings):
     """All products of an event, by stage name; solve and angular_acceleration by variant."""
     made, chosen = smoothed(observed, satellite, **settings)
+    made = solved(made, chosen, VARIANTS, satellite)
+    made["combine"] = combine(*made["solve"].values(), **chosen.for_stage("combine"))
+    return made
+
+
+def solved(made, chosen, variants, satellite=SATELLITE):
+    """Products up to the attitude, with noise, and with angular acceleration and solution of some variants."""
     names = ("inertia", "inertia_sigma", "dipole_per_current", "dipole_per_current_sigma")
     with_sigma = {name: satellite[name] for name in names}
-    made["noise"] = noise(quiet(made["align"], **chosen.for_stage("quiet")), **chosen.for_stage("noise"))
-    made["angular_acceleration"], made["solve"] = {}, {}
-    for variant in VARIANTS:
+    measured = noise(quiet(made["align"], **chosen.for_stage("quiet")), **chosen.for_stage("noise"))
+    made = made | {"noise": measured, "angular_acceleration": {}, "solve": {}}
+    for variant in variants:
         stage = chosen.for_stage("angular_acceleration") | with_sigma | {"variant": variant}
         angular = angular_acceleration(made["attitude"], made["align"], **stage)
         made["angular_acceleration"][variant] = angular
-        made["solve"][variant] = solution(made["align"], made["attitude"], angular, made["noise"], chosen)
-    made["combine"] = combine(*made["solve"].values(), **chosen.for_stage("combine"))
+        made["solve"][variant] = solution(made["align"], made["attitude"], angular, measured, chosen)
     return made
 
 

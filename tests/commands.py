@@ -1,4 +1,4 @@
-"""The command line in this process, and servers on loopback for what it asks."""
+"""Commands and flows in this process, on the files of a folder, and servers on loopback."""
 
 import contextlib
 import json
@@ -10,7 +10,9 @@ from pathlib import Path
 import pytest
 from typer.testing import CliRunner
 
-from flows import cli
+from flows import cli, discover, engine
+from flows.calibration import load
+from gravcal import catalog
 from gravcal.store.schemas import validate
 
 
@@ -50,3 +52,31 @@ def serving(handler):
         finally:
             server.shutdown()
             thread.join()
+
+
+def run(calibration, folder, discovery=False, satellite=None, **settings):
+    """Document, a valid one, of a run or a search on the files of a folder, and its product."""
+    one, chosen = load(calibration), catalog.parameters(calibration).with_settings(settings)
+    flow, read = (discover.flow_of(calibration), discover.document) if discovery else (one.flow, one.document)
+    ref = engine.run(flow, one.source(data=folder, satellite=satellite), chosen, engine="inline")
+    found = read(ref)
+    validate(found, "discovery" if discovery else None)
+    return found, ref
+
+
+def simulated(calibration, folder, seed, effects=None, **settings):
+    """Truth of an invented event whose files are in a folder; effects as {slug: {parameter: value}}."""
+    hidden = {f"{slug}.{name}": size for slug, given in (effects or {}).items() for name, size in given.items()}
+    return load(calibration).simulate(folder, seed=seed, effects=hidden, settings=settings)
+
+
+def discovered(calibration, folder, *options, origin="simulated"):
+    """Document of `gravcal discover` on the files in level1 of a folder."""
+    code, found = document("discover", calibration, folder / "level1", *options, origin=origin)
+    assert code == 0, found.get("error")
+    return found
+
+
+def causes(found):
+    """Causes that a search has named."""
+    return [one["cause"] for one in found["findings"]]

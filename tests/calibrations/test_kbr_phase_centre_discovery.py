@@ -47,18 +47,6 @@ def best(observed):
     return observed.candidates[int(np.argmax([gain - 2 * dof for gain, dof, _ in gains]))]
 
 
-def test_a_ripple_of_another_period_and_phase_is_multipath():
-    """Recovery: 0.5 um every 0.8 deg in yaw of B, a phase of its own: the next period of the grid, of B alone."""
-    hidden = {"yaw_b": 3e-7, "cosine_yaw_b": 4e-7, "period": np.radians(0.8)}
-    found = best(seen(simulated(7, effects=(("ranging.multipath", tuple(hidden.items())),))[0]))
-    assert found.cause == "ranging.multipath"
-    assert found.form.endswith("b alone")
-    assert np.degrees(found.shape.lower[0]) < 0.8 < np.degrees(found.shape.upper[0])
-    assert found.shape.columns(found.shape.value)[0] == pytest.approx(
-        found.columns[0], abs=1e-6 * found.columns[0].max()
-    )
-
-
 def test_a_late_star_camera_of_one_satellite_is_a_delay_of_that_one():
     """Recovery: attitudes of B tagged 20 ms late: a delay of B alone, not of both."""
     columns = dict(simulated(7)[0])

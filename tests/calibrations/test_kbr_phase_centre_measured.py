@@ -33,19 +33,18 @@ def day():
     return aligned, stages.pointing(aligned, **chosen.for_stage("pointing"), nominal_m=NOMINAL, given=())
 
 
-def with_correction(variant):
-    """Ranging minus orbit with the antenna correction of the file added, and segments."""
-    aligned, pointed = day()
+def equations(variant):
+    """Ranging minus orbit of the day."""
     settings = catalog.parameters("kbr_phase_centre").for_stage("observable")
-    equations = stages.observable(aligned, pointed, variant=variant, nominal_m=NOMINAL, **settings)
-    kept = np.isin(aligned["time_kbr"].values, equations["time_kbr"].values)
-    return equations, aligned["antenna_correction"].values[kept]
+    return stages.observable(*day(), variant=variant, nominal_m=NOMINAL, **settings)
 
 
 def test_range_minus_orbit_has_its_four_millimetres():
     """Published: data/README.md: std 4.1 mm with one bias per segment, two segments."""
-    equations, added = with_correction("range")
-    misfit, segment = equations["observed"].values + added, equations["segment"].values
+    observed, aligned = equations("range"), day()[0]
+    kept = np.isin(aligned["time_kbr"].values, observed["time_kbr"].values)
+    misfit = observed["observed"].values + aligned["antenna_correction"].values[kept]
+    segment = observed["segment"].values
     assert len(np.unique(segment)) == 2
     for number in np.unique(segment):
         misfit[segment == number] -= misfit[segment == number].mean()
@@ -54,8 +53,7 @@ def test_range_minus_orbit_has_its_four_millimetres():
 
 def test_range_rate_minus_orbit_has_its_seven_micrometres():
     """Published: data/README.md: std 7.3e-6 m/s; epochs within gaps of the attitude are left out here, 1 %."""
-    equations, _ = with_correction("range_rate")
-    assert_allclose(np.std(equations["observed"].values), 7.3e-6, atol=0.1e-6)
+    assert_allclose(np.std(equations("range_rate")["observed"].values), 7.3e-6, atol=0.1e-6)
 
 
 def test_the_antenna_correction_of_the_day_returns_its_vectors():
@@ -75,12 +73,8 @@ def test_the_antenna_correction_of_the_day_returns_its_vectors():
 
 def test_routine_pointing_holds_no_wiggle_and_its_noise_is_that_of_whole_runs():
     """Independent evaluation: the spectrum beside gaps and polynomials against plain periodograms."""
-    aligned, pointed = day()
-    assert pointed.sizes["manoeuvre"] == 0
-    chosen = catalog.parameters("kbr_phase_centre")
-    settings = chosen.for_stage("observable") | {"nominal_m": NOMINAL}
-    equations = stages.observable(aligned, pointed, variant="range", **settings)
-    quiet = stages.noise(equations, **chosen.for_stage("noise"))
+    assert day()[1].sizes["manoeuvre"] == 0
+    quiet = stages.noise(equations("range"), **catalog.parameters("kbr_phase_centre").for_stage("noise"))
     density = 1e3 * np.sqrt(np.interp([4e-3, 8e-3, 16e-3], quiet["frequency"], quiet["model"]))  # mm/sqrt(Hz)
     assert_allclose(density, [0.210, 0.054, 0.024], rtol=0.15)  # periodograms of the 17 runs without a gap
 
@@ -88,11 +82,10 @@ def test_routine_pointing_holds_no_wiggle_and_its_noise_is_that_of_whole_runs():
 def test_the_measured_day_passes_all_checks():
     """Contract: no false alarm; the largest share of a limit is that of pointing, 0.53 of 1.5 deg."""
     aligned, pointed = day()
-    chosen, given = catalog.parameters("kbr_phase_centre"), {"nominal_m": NOMINAL}
-    settings = chosen.for_stage("observable") | given
-    equations = [stages.observable(aligned, pointed, variant=v, **settings) for v in ("range", "range_rate")]
+    settings = catalog.parameters("kbr_phase_centre").for_stage("checks") | {"nominal_m": NOMINAL}
+    both = [equations(variant) for variant in ("range", "range_rate")]
     orbits = [read(MEASURED / "grace-2014-01-15" / f"GNV1B_2014-01-15_{x}_02.dat.gz") for x in "AB"]
-    found = of_product(stages.checks(aligned, pointed, *equations, *orbits, **chosen.for_stage("checks"), **given))
+    found = of_product(stages.checks(aligned, pointed, *both, *orbits, **settings))
     assert [one.name for one in found if not one.passed] == []
     at_most = {one.name: one.value / one.limit for one in found if "smallest" not in one.name}
     assert max(at_most[name] for name in at_most if "against" in name) < 0.2

@@ -2,31 +2,25 @@
 
 from pathlib import Path
 
+import commands
 import numpy as np
 import pytest
 import seeds
 from scipy import stats
 
-from flows import discover, engine
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.io import writers
 from gravcal.simulation import kbr_phase_centre as simulation
-from gravcal.store.schemas import validate
-from tasks import common
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "grace-2014-01-15"
 COUNT = 3
-CALIBRATION, CHOSEN = load("ranging"), catalog.parameters("ranging")
+CALIBRATION = load("ranging")
 
 
-def run(folder, flow=None, **settings):
-    """Result document of a folder."""
-    chosen = CHOSEN.with_settings(settings)
-    ref = engine.run(flow or CALIBRATION.flow, CALIBRATION.source(data=folder), chosen, engine="inline")
-    document = common.document(ref, "discovery.json" if flow else "result.json")
-    validate(document, "discovery" if flow else None)
-    return document
+def run(folder, discovery=False):
+    """Document of a folder."""
+    return commands.run("ranging", folder, discovery)[0]
 
 
 def simulated(folder, seed, effects=None):
@@ -36,9 +30,8 @@ def simulated(folder, seed, effects=None):
     return np.concatenate([truth["phase_centre_mm"][letter] for letter in "CD"])
 
 
-def test_errors_are_those_of_the_reported_sigma(tmp_path, monkeypatch):
+def test_errors_are_those_of_the_reported_sigma(tmp_path):
     """Recovery: y and z of three days, 12 errors; sum of squares in its interval, 0.02 %, and x is null."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
     seed, errors = seeds.seed("ranging", 2e-4), []
     for k in range(COUNT):
         truth = simulated(tmp_path / f"{k}", seed + k)
@@ -51,11 +44,10 @@ def test_errors_are_those_of_the_reported_sigma(tmp_path, monkeypatch):
     assert low < np.sum(np.square(errors)) < high, seed
 
 
-def test_a_hidden_wave_is_named_and_taken_out(tmp_path, monkeypatch):
+def test_a_hidden_wave_is_named_and_taken_out(tmp_path):
     """Recovery: 8 mm with the argument of latitude, named alone with its size, beside noise of the star cameras."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
     simulated(tmp_path / "hidden", seeds.seed("ranging_wave", 1e-4), {"ranging.once_per_revolution.sine": 8e-3})
-    found = run(tmp_path / "hidden", discover.flow_of("ranging"))["findings"]
+    found = run(tmp_path / "hidden", discovery=True)["findings"]
     assert any("attitude.star_camera_noise" in (one["cause"], *one["tied_with"]) for one in found)
     (wave,) = [one for one in found if one["cause"] == "ranging.once_per_revolution" and not one["tied_with"]]
     sine = wave["parameters"]["sine"]
@@ -63,16 +55,15 @@ def test_a_hidden_wave_is_named_and_taken_out(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(("late", "named"), [("SCA1B", ["timing.star_camera_delay"]), ("KBR1B", ["ranging.delay"])])
-def test_records_shifted_against_each_other_name_no_cause_but_timing(tmp_path, monkeypatch, late, named):
+def test_records_shifted_against_each_other_name_no_cause_but_timing(tmp_path, late, named):
     """Recovery: tags 137 s late: the record is named, and the delay within its error."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
     chosen = catalog.parameters("simulate_ranging").with_settings({"phase_step_s": 1.0})
     columns, _ = simulation.simulate("CD", chosen, 653011200.0 - 43200.0, seeds.seed("ranging_late", 1e-4), {})
     for (product, letter), values in columns.items():
         shifted = {"gps_time": values["gps_time"] + 137 * (product == late)}
         writers.write(dict(values) | shifted, tmp_path / writers.file_name(product, chosen.date, letter))
     assert run(tmp_path)["status"] == "questionable"
-    found = run(tmp_path, discover.flow_of("ranging"))["findings"]
+    found = run(tmp_path, discovery=True)["findings"]
     assert [one["cause"] for one in found if one["cause"] != "unknown:excess"] == named  # what no shift of tags leaves
     delay = found[0]["parameters"]["delay"]
     assert abs(delay["value"] - 137) < 2 * delay["sigma"] < 6
@@ -107,7 +98,7 @@ def test_the_range_shows_of_the_correction_what_is_motion():
 @pytest.mark.measured
 def test_discovery_on_the_measured_day_names_noise_of_the_star_cameras():
     """Contract: first of all and alone, nothing of the correction at 5 to 10 mHz, all above 20."""
-    document = run(MEASURED, discover.flow_of("ranging"))
+    document = run(MEASURED, discovery=True)
     noise, *others = document["findings"]
     assert (noise["cause"], noise["tied_with"], noise["adopted"]) == ("attitude.star_camera_noise", [], True)
     share = {name: one["value"] for name, one in noise["parameters"].items()}

@@ -2,17 +2,15 @@
 
 from pathlib import Path
 
+import commands
 import numpy as np
 import pytest
 import seeds
 
-from flows import discover, engine
-from flows.routine import CALIBRATION
 from gravcal import catalog
 from gravcal.calibrations.routine import accelerometer, observations
 from gravcal.io import archive, readers, writers
 from gravcal.simulation import com_offset, sensors
-from gravcal.store.schemas import validate
 
 CHOSEN = catalog.parameters("routine")
 DAY = "2020-03-02"
@@ -106,17 +104,12 @@ def test_a_share_of_a_step_is_that_of_its_samples(day):
     assert np.abs(length[1:-1] - 1).max() < 0.11
 
 
-def test_a_day_without_an_instrument_says_what_is_missing(day, tmp_path, monkeypatch):
+def test_a_day_without_an_instrument_says_what_is_missing(day, tmp_path):
     """Contract: valid document; ranging and thrusters of the day are missing by name, the other two are fitted."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
     for path in day[0].iterdir():
         if not path.name.startswith("THR1B"):
             (tmp_path / path.name).symlink_to(path)
-    chosen = CHOSEN.with_settings({"search": 0})
-    found = CALIBRATION.document(
-        engine.run(CALIBRATION.flow, CALIBRATION.source(data=tmp_path), chosen, engine="inline")
-    )
-    validate(found)
+    found, _ = commands.run("routine", tmp_path, search=0)
     status = {name: one["status"] for name, one in found["instruments"].items()}
     assert status == dict(accelerometer="fitted", magnetometer="fitted", thrusters="missing", ranging="missing")
     assert found["instruments"]["thrusters"]["said"] == "no THR1B"
@@ -136,13 +129,9 @@ def test_seconds_of_a_measured_accelerometer_are_fitted():
     assert np.isnan(found["value"].values[force]).all()
 
 
-def test_a_search_names_in_each_part_what_is_wrong_there(day, tmp_path, monkeypatch):
+def test_a_search_names_in_each_part_what_is_wrong_there(day, tmp_path):
     """Recovery: late tags, 1.5 times the nominal impulse and forces of an accelerometer; ranging is not there."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path))
-    found = discover.document(
-        engine.run(discover.flow_of("routine"), CALIBRATION.source(data=day[0]), CHOSEN, engine="inline")
-    )
-    validate(found, "discovery")
+    found, _ = commands.run("routine", day[0], discovery=True)
     assert found["parts"]["ranging"] == {"status": "no_data", "said": "no KBR1B or LRI1B"}
     own = {one["cause"]: one["parameters"] for one in found["findings"] if one["part"] == "accelerometer"}
     assert set(own) == {"timing.thruster_delay", observations.FIRINGS, accelerometer.FORCE}
@@ -151,7 +140,7 @@ def test_a_search_names_in_each_part_what_is_wrong_there(day, tmp_path, monkeypa
         assert known["value"] == pytest.approx(true[name], abs=5 * known["sigma"])
     for one in found["parts"]["accelerometer"]["findings"]:
         assert one["heldout_gain"]["chi2"] > 1e4
-    page = next(tmp_path.glob("latest/*/routine.discovery_report/discovery.html")).read_text()
+    page = next(tmp_path.glob("products/latest/*/routine.discovery_report/discovery.html")).read_text()
     assert "Not searched: no KBR1B or LRI1B" in page
 
 

@@ -1,19 +1,20 @@
 """Attitude thrusters: recovery of gain and delay, physics of an impulse, and firings of another satellite."""
 
+from pathlib import Path
+
+import commands
 import numpy as np
 import pytest
 import seeds
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from flows import discover, engine, joint
+from flows import joint
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.calibrations.thrusters import estimate, model
 from gravcal.io import archive, readers
 from gravcal.physics import frames
-from gravcal.store.schemas import validate
-from tasks import common
 
 COUNT = 20
 LEVEL = 3e-4  # chance that a correct code fails, over the seven parameters
@@ -82,27 +83,15 @@ def test_firings_at_other_times_are_questionable(tmp_path):
     CALIBRATION.simulate(other, seed=2, settings=settings)
     path = archive.find(tmp_path, "THR1B", "A", DAY).path
     path.write_bytes(archive.find(other, "THR1B", "A", DAY).path.read_bytes())
-    ref = engine.run(CALIBRATION.flow, CALIBRATION.source(data=tmp_path), CHOSEN, engine="inline")
-    document = CALIBRATION.document(ref)
-    validate(document)
+    document, ref = commands.run("thrusters", tmp_path)
     assert document["status"] == "questionable"
     failed = {one["name"] for one in document["checks"] if not one["passed"]}
     assert "chi-square gained by the firings over the most at wrong times" in failed or not document["parameters"]
     assert (ref.folder / "report.html").read_text().count("<figure>") >= 1
 
 
-def test_a_hidden_delay_and_gain_come_back(tmp_path):
-    """Recovery: effects of the catalogue, added to what is drawn."""
-    effects = {"torque.thruster_firings.share_x": 0.5, "timing.thruster_delay.delay": 2.0}
-    plain = CALIBRATION.simulate(tmp_path / "plain", seed=4, settings={"duration_s": "3600"})
-    hidden = CALIBRATION.simulate(tmp_path / "hidden", seed=4, effects=effects, settings={"duration_s": "3600"})
-    assert_allclose(np.subtract(hidden["gain"], plain["gain"]), [0.5, 0, 0], atol=1e-12)
-    assert hidden["delay_s"] - plain["delay_s"] == pytest.approx(2.0)
-
-
-def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path, monkeypatch):
+def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path):
     """Recovery: two days with 2.5 times the nominal roll impulse, tags late by 2 s on the second alone."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
     fixed, share = {"duration_s": 21600, "gain_scatter": 0, "delay_scatter_s": 0}, {FIRINGS: 1.5}
     seed = seeds.seed("thrusters of two days", 1e-4)
     for day, late in (("2014-01-11", {}), ("2014-01-12", {f"{LATE}.delay": 2.0})):
@@ -126,18 +115,31 @@ def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path, monke
 
 
 @pytest.mark.parametrize("late", [137.0, -137.0])
-def test_firings_late_by_minutes_name_no_cause_but_timing(tmp_path, monkeypatch, late):
+def test_firings_late_by_minutes_name_no_cause_but_timing(tmp_path, late):
     """Recovery: tags of one record against the other, which of the two does not show; the delay within its error."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
     settings = {"duration_s": "10800", "quiet_s": "900", "delay_scatter_s": "0"}
     CALIBRATION.simulate(tmp_path, seed=5, effects={f"{LATE}.delay": late}, settings=settings)
-    source = CALIBRATION.source(data=tmp_path)
-    assert (
-        CALIBRATION.document(engine.run(CALIBRATION.flow, source, CHOSEN, engine="inline"))["status"] == "questionable"
-    )
-    ref = engine.run(discover.flow_of("thrusters"), source, CHOSEN, engine="inline")
-    found = [one for one in common.document(ref, "discovery.json")["findings"] if one["cause"] != "unknown:excess"]
+    assert commands.run("thrusters", tmp_path)[0]["status"] == "questionable"
+    found = commands.run("thrusters", tmp_path, discovery=True)[0]["findings"]
+    found = [one for one in found if one["cause"] != "unknown:excess"]
     assert [{one["cause"], *one["tied_with"]} for one in found] == [{LATE, "timing.star_camera_delay"}]
     sign = 1 if found[0]["cause"] == LATE else -1
     delay = found[0]["parameters"]["delay"]
     assert abs(sign * delay["value"] - late) < 2 * delay["sigma"] < 3
+
+
+MEASURED = Path(__file__).parents[3] / "shared" / "data"
+
+
+@pytest.mark.measured
+@pytest.mark.skipif(not MEASURED.is_dir(), reason=f"no measured data at {MEASURED}")
+def test_thruster_firings_are_named_in_a_day():
+    """Recovery: GRACE-B 2014-01-15: firings first, held-out gain as large as in sample; the delay has two names."""
+    document, _ = commands.run("thrusters", MEASURED / "grace-2014-01-15", discovery=True, satellite="B")
+    found = {one["cause"]: one for one in document["findings"]}
+    named = found["torque.thruster_firings"]
+    assert next(iter(found)) == "torque.thruster_firings"
+    assert named["heldout_gain"]["chi2"] > 0.8 * named["heldout_gain"]["in_sample_chi2"] > 200
+    assert 1.2 < named["parameters"]["share_x"]["value"] < 2.0  # in units of nominal impulse and assumed inertia
+    assert "unknown:twin_firings" not in found
+    assert found["timing.thruster_delay"]["tied_with"] == ["timing.star_camera_delay"]

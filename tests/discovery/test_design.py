@@ -32,8 +32,16 @@ def flight(information, columns=None, prior=1.0):
 
 
 def test_exchanges_find_the_design_of_least_trace():
-    """Against all designs of a small library."""
+    """Against all designs of a small library; covariance by least squares; the best that has room, or a refusal."""
     rng = np.random.default_rng(5)
+    columns = rng.standard_normal((2, 40, 3))
+    whole = np.concatenate([columns[0], columns[0], columns[1]])  # the first manoeuvre twice
+    found = design.covariance(flight(np.swapaxes(columns, 1, 2) @ columns), np.array([2, 1]))
+    assert np.allclose(found, np.linalg.inv(whole.T @ whole), rtol=1e-6)
+    one = flight([4 * np.eye(3), np.eye(3)])
+    assert design.chosen(one, 3, np.full(2, 9), fits=lambda counts: counts[0] <= 2).tolist() == [2, 1]
+    with pytest.raises(GravcalError, match="room for 2 manoeuvres"):
+        design.chosen(one, 3, np.full(2, 9), fits=lambda counts: counts.sum() <= 2)
     for _ in range(10):
         roots = rng.standard_normal((6, 3, 2)) * rng.uniform(0.3, 3, (6, 3, 1))
         one = flight([root @ root.T for root in roots])
@@ -41,16 +49,6 @@ def test_exchanges_find_the_design_of_least_trace():
         every = [np.bincount(c, minlength=6) for c in itertools.combinations_with_replacement(range(6), 4)]
         traces = [np.trace(design.covariance(one, counts)) for counts in every if counts.max() <= 3]
     assert np.trace(design.covariance(one, found)) == pytest.approx(min(traces), rel=0.02)
-
-
-def test_covariance_is_that_of_least_squares():
-    """Of the manoeuvres as rows."""
-    rng = np.random.default_rng(6)
-    columns = rng.standard_normal((2, 40, 3))
-    one = flight(np.swapaxes(columns, 1, 2) @ columns)
-    whole = np.concatenate([columns[0], columns[0], columns[1]])  # the first manoeuvre twice
-    expected = np.linalg.inv(whole.T @ whole)
-    assert np.allclose(design.covariance(one, np.array([2, 1])), expected, rtol=1e-6)
 
 
 def test_a_pair_that_one_manoeuvre_leaves_tied_is_told_apart_by_another():
@@ -149,14 +147,6 @@ def test_manoeuvres_are_between_the_passes_and_apart():
     assert np.all(np.diff(scene.start) >= 1800 - 1)
 
 
-def test_what_has_no_room_is_not_chosen():
-    """The best that may be flown together; the budget is refused where none is."""
-    one = flight([4 * np.eye(3), np.eye(3)])
-    assert design.chosen(one, 3, np.full(2, 9), fits=lambda counts: counts[0] <= 2).tolist() == [2, 1]
-    with pytest.raises(GravcalError, match="room for 2 manoeuvres"):
-        design.chosen(one, 3, np.full(2, 9), fits=lambda counts: counts.sum() <= 2)
-
-
 def test_causes_of_a_whole_session_are_told_apart_beside_all_that_is_fitted():
     """By least squares: what is left of one beside the other, the parameter and the drift of each piece."""
     rng = np.random.default_rng(8)
@@ -175,14 +165,6 @@ def test_causes_of_a_whole_session_are_told_apart_beside_all_that_is_fitted():
     assert design.apart(observed, ("one", "other")) == {("one", "other"): pytest.approx(expected)}
     with pytest.raises(GravcalError, match="one of one, other"):
         design.apart(observed, ("none",))
-
-
-def test_a_session_is_judged_by_as_many_flights_as_its_errors_need():
-    """Errors that are alike are known from three; those that are one of two sizes are not, unless nobody asked."""
-    value = lambda name, sigma: (SimpleNamespace(label=name, sigma=sigma), 0.0)  # noqa: E731
-    rows = [[value("x", 10.0 + 0.1 * k), value("z", 88.0 if k else 20.0)] for k in range(3)]
-    assert flow._settled(rows, {"x"})
-    assert not flow._settled(rows, set())
 
 
 def test_the_best_of_whole_sessions_is_flown(tmp_path):

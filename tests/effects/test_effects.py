@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal import effects
+from gravcal import catalog
 from gravcal.effects import CHANNELS, Context, accelerometer, catalogue, effect, sensors, torque
+from gravcal.effects import inertial_sensor as electrodes
+from gravcal.effects.ranging import EFFECTS, RIPPLE
 from gravcal.errors import CatalogError
 from gravcal.physics import sensing
 
@@ -81,17 +83,12 @@ def test_an_effect_is_stated_in_full(slug):
         assert p.prior_sigma > 0
 
 
-def test_slugs_are_unique_and_catalogued():
-    """Contract: no effect of a family module is lost because another has its name."""
+def test_slugs_are_unique_and_an_unknown_one_names_what_is_near():
+    """Contract: no effect of a family is lost because another has its name; a typing error is answered."""
     families = (accelerometer.EFFECTS, sensors.EFFECTS, sensors.TIMING, torque.EFFECTS)
     every = [e.slug for family in families for e in family]
     assert len(every) == len(set(every))
     assert set(every) <= set(SLUGS)
-    assert effects.effect("accelerometer.offset").slug == "accelerometer.offset"
-
-
-def test_an_unknown_slug_names_what_is_near():
-    """Contract: a typing error is answered with the effect that was meant."""
     with pytest.raises(CatalogError, match="torque.dipole_gain"):
         effect("torque.dipole_gian")
 
@@ -133,33 +130,18 @@ def test_what_is_called_linear_is(slug):
     assert_allclose(both, parts, atol=1e-12 * np.abs(parts).max())  # rounding
 
 
-def test_the_offset_is_the_tensor_of_the_equations():
-    """Analytic: f = (M - G) p with p = -offset, M written out element by element (equations.md M1), and sensing."""
-    scene, offset = context(), np.array([1.07e-4, -4e-5, 1.2e-5])
-    found = effect("accelerometer.offset").contribution(scene, offset)
-    (wx, wy, wz), (dx, dy, dz) = scene.rate_b.T, scene.rate_dot_b.T
-    M = np.array(
-        [
-            [-(wy**2) - wz**2, wx * wy - dz, wx * wz + dy],
-            [wx * wy + dz, -(wx**2) - wz**2, wy * wz - dx],
-            [wx * wz - dy, wy * wz + dx, -(wx**2) - wy**2],
-        ]
-    )
-    expected = (np.moveaxis(M, 2, 0) - scene.gradient_b) @ -offset
-    assert_allclose(found, expected, rtol=1e-12, atol=1e-24)  # rounding
+def test_an_offset_is_felt_by_its_tensor_and_a_moving_one_by_the_coriolis_term():
+    """Analytic: f = (M - G) p with p = -offset; p moves at speed v, zero at mid manoeuvre: t T v + 2 w x v."""
+    scene, speed, offset = context(), np.array([1e-7, -2e-7, 3e-7]), np.array([1.07e-4, -4e-5, 1.2e-5])
     tensor = sensing.offset_tensor(scene.rate_b, scene.rate_dot_b, scene.gradient_b)
-    assert_allclose(found, sensing.proof_mass_reading(0.0, tensor, -offset), rtol=1e-12, atol=1e-24)
-
-
-def test_a_moving_offset_adds_the_coriolis_term():
-    """Analytic: p moves at speed v, zero at mid manoeuvre: t T v + 2 w x v, seen with the sign of p = -offset."""
-    scene, speed = context(), np.array([1e-7, -2e-7, 3e-7])
+    assert_allclose(
+        effect("accelerometer.offset").contribution(scene, offset), -tensor @ offset, rtol=1e-12, atol=1e-24
+    )
     found = effect("accelerometer.moving_offset").contribution(scene, speed)
     middle = (scene.start + scene.stop) / 2
     for k in (0, 20, COUNT - 1):
         elapsed = scene.time[k] - middle[np.argmin(np.abs(scene.time[k] - middle))]
-        tensor = sensing.offset_tensor(scene.rate_b[k], scene.rate_dot_b[k], scene.gradient_b[k])
-        expected = -(elapsed * tensor @ speed + 2 * np.cross(scene.rate_b[k], speed))
+        expected = -(elapsed * tensor[k] @ speed + 2 * np.cross(scene.rate_b[k], speed))
         assert_allclose(found[k], expected, rtol=1e-10)
 
 
@@ -207,15 +189,6 @@ def test_signs_are_as_stated(slug):
     assert_allclose(entry.contribution(scene, entry.values(given))[0], expected, rtol=1e-12, atol=1e-22)
 
 
-def test_delays_are_the_number_given():
-    """Analytic: a late tag is late by the same time everywhere; a drift grows."""
-    scene = context()
-    for slug in ("timing.accelerometer_delay", "timing.star_camera_delay", "timing.magnetometer_delay"):
-        assert_allclose(effect(slug).contribution(scene, [0.3]), 0.3)
-    drift = effect("timing.clock_drift").contribution(scene, [1e-6])
-    assert_allclose(np.diff(drift), 1e-6 * np.diff(scene.time), rtol=1e-6)
-
-
 def test_a_lag_takes_from_each_step_its_exponential():
     """Analytic: first-order lag of one step, sampled finely: -step exp(-t / tau) after it, nothing before."""
     time = np.arange(0, 3, 0.01)
@@ -226,11 +199,92 @@ def test_a_lag_takes_from_each_step_its_exponential():
     assert_allclose(found[after, 0], -27.5 * np.exp(-(time[after] - 1.0) / 0.2), rtol=1e-9)
 
 
-def test_a_tone_and_a_step_are_what_they_say():
-    """Analytic: sine from the first epoch on; step from its time on."""
+def test_a_tone_a_step_and_a_late_tag_are_what_they_say():
+    """Analytic: sine from the first epoch on; step from its time on; late everywhere the same; a drift grows."""
     scene = context()
+    for slug in ("timing.accelerometer_delay", "timing.star_camera_delay", "timing.magnetometer_delay"):
+        assert_allclose(effect(slug).contribution(scene, [0.3]), 0.3)
+    drift = effect("timing.clock_drift").contribution(scene, [1e-6])
+    assert_allclose(np.diff(drift), 1e-6 * np.diff(scene.time), rtol=1e-6)
     elapsed = scene.time - scene.time[0]
     tone = effect("accelerometer.stray_tone").contribution(scene, [0.1, 1e-10, 0, 2e-10, 0.5])
     assert_allclose(tone, np.sin(0.2 * np.pi * elapsed + 0.5)[:, None] * [1e-10, 0, 2e-10], atol=1e-24)
     step = effect("accelerometer.bias_step").contribution(scene, [1e-9, 0, 0, scene.time[10]])
     assert_allclose(step[:, 0], np.where(np.arange(COUNT) >= 10, 1e-9, 0))
+
+
+BY_SLUG = {entry.slug: entry for entry in EFFECTS}
+TIME = np.arange(5.0)
+ANGLE = np.zeros((5, 2, 2))
+ANGLE[:, 0, 0] = RIPPLE * np.arange(5) / 4
+LINE = np.tile([[1.0, 0.0, 0.02], [1.0, 0.01, 0.0]], (5, 1, 1))
+EXTRA = {"angle": ANGLE, "range": np.full(5, 2e5), "range_rate": np.full(5, 0.5), "antenna_correction": np.full(5, 2.9)}
+EXTRA |= {"line_of_sight_b": LINE, "antenna_x": np.array([1.4, 1.5]), "argument": np.pi / 2 * TIME, "warmth": TIME / 4}
+EXTRA["correction_band"] = np.outer(np.arange(5), [0, 1, 0, 0, 0])
+CONTEXT = Context(time=TIME, extra=EXTRA)
+
+
+@pytest.mark.parametrize(
+    ("slug", "given", "expected"),
+    [
+        ("ranging.multipath", {"pitch_a": 2e-6}, 2e-6 * np.array([0, 1, 0, -1, 0])),
+        (
+            "ranging.multipath",
+            {"cosine_pitch_a": 1e-6, "period": 2 * RIPPLE},
+            1e-6 * (np.array([0, -(1 - 0.5**0.5), -1, -1 - 0.5**0.5, -2])),
+        ),
+        ("ranging.phase_break", {"size": 0.01, "time": 2.5}, [0, 0, 0, 0.01, 0.01]),
+        ("ranging.delay", {"delay": 1e-3}, np.full(5, -5e-4)),
+        ("ranging.scale", {"excess": 1e-8}, np.full(5, 2e-3)),
+        ("ranging.antenna_correction", {"share": 0.5}, np.full(5, -1.45)),
+        ("attitude.star_camera_noise", {"share_10_20_mhz": 0.5}, 0.5 * np.arange(5)),
+        ("ranging.phase_centre", {"z_a": 1e-3, "x_b": 1e-3}, np.full(5, -0.00102)),
+        ("ranging.phase_centre_drift", {"z_a": 1e-8, "x_b": 1e-8}, -1.02e-8 * TIME),
+        ("ranging.phase_centre_curvature", {"pitch_a": 1e-3}, 1e-3 * (RIPPLE * TIME / 4) ** 2),
+        ("ranging.slow_orbit_error", {"cosine": 1e-3}, [1e-3, -1e-3, 1e-3, -1e-3, 1e-3]),
+        ("ranging.star_camera_misalignment", {"pitch_a": 1e-3, "yaw_b": 1e-3}, np.full(5, 2.8e-5 - 1.5e-5)),
+        ("ranging.once_per_revolution", {"sine": 1e-3}, [0, 1e-3, 0, -1e-3, 0]),
+        ("ranging.thermal", {"swing": 4e-5}, 1e-5 * TIME),
+    ],
+)
+def test_an_effect_adds_what_its_law_says(slug, given, expected):
+    """Analytic: each law at numbers done by hand."""
+    effect = BY_SLUG[slug]
+    assert_allclose(effect.contribution(CONTEXT, effect.values(given)), expected, atol=1e-18)
+
+
+AREA, GAP, ARM = [2.395e-4, 2.054e-4, 2.056e-4], [6.20e-5, 7.70e-5, 7.50e-5], [10.45e-3] * 3
+INERTIA = [1.9440e-5, 1.0328e-5, 1.0328e-5]
+
+
+def pushed(mass, preload):
+    """Accelerations and angular ones (6, 6) per volt: an electrode pushes with 2 e0 S V_P / D^2 at its arm.
+
+    Erratum T-4 reads Table 1: four equal electrodes along x, one pair along y, two halves of the total along z.
+    """
+    area = np.array([AREA[0]] * 3 + [AREA[1]] + [AREA[2] / 2] * 2)
+    count, axis, gap = np.array([2, 1, 1, 1, 1, 1]), np.array([0, 0, 0, 1, 2, 2]), np.array(GAP)
+    force = count * 2 * 8.8541878128e-12 * area * preload / gap[axis] ** 2
+    sign = np.array([[0, 0, 0, 0, 1, -1], [0, 1, -1, 0, 0, 0], [1, -1, -1, 0, 0, 0]])
+    linear = (axis == np.arange(3)[:, None]) * force / mass
+    return np.concatenate([linear, sign * force * np.array(ARM)[:, None] / np.array(INERTIA)[:, None]])
+
+
+def test_the_electrodes_give_the_printed_nominal_factors_and_combinations():
+    """Published: 10.3390/rs15153817, Table 4, nominal, with V_P and M of erratum T-4, within its 0.5 %; Table 3."""
+    matrix = pushed(0.0698, 34.15)
+    found = np.abs(matrix).max(axis=1) / np.abs(electrodes.READOUT).max(axis=1)
+    printed = {r.labels["factor"]: r.value[0] for r in catalog.published("inertial_sensor")["scale_factors"]}
+    names = ("k_x", "k_y", "k_z", "beta_x", "beta_y", "beta_z")
+    assert_allclose(found, [printed[name] for name in names], rtol=5e-3)
+    assert_allclose(matrix, found[:, None] * electrodes.READOUT, rtol=1e-12, atol=1e-18)
+    printed = [r.value for r in catalog.published("inertial_sensor")["actuation"]]
+    assert_allclose(electrodes.READOUT, np.array(printed, dtype=float), atol=0)
+    ratio = electrodes.linear_over_angular(0.0698, INERTIA, ARM)
+    assert_allclose(found[[2, 0, 0]], ratio * found[3:], rtol=1e-12)  # k_z by beta_x, k_x by beta_y and beta_z
+
+
+def test_the_calibrated_ratio_follows_the_longer_arm():
+    """Published: beta_x 4.42e-3 gives k_z 1.14e-4 with 10.45 mm and 1.49e-4 with 8.00 mm (erratum T-5)."""
+    both = [4.42e-3 * electrodes.linear_over_angular(0.072, INERTIA, [arm, 1, 1])[0] for arm in (10.45e-3, 8.00e-3)]
+    assert_allclose(both, [1.14e-4, 1.49e-4], atol=0.5e-6)  # last printed digit

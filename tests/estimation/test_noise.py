@@ -1,4 +1,4 @@
-"""Autoregressive noise: fit, whitening and density against independent evaluations."""
+"""Noise: fits, whitening, densities, lines and levels against independent evaluations."""
 
 import numpy as np
 import pytest
@@ -6,17 +6,23 @@ import seeds
 from numpy.testing import assert_allclose
 from scipy import linalg, signal
 
-from gravcal.estimation.least_squares import polynomial
+from gravcal.estimation import noise as lines
+from gravcal.estimation.least_squares import polynomial, without
 from gravcal.estimation.noise import (
     NoiseModel,
+    beside,
     changing_levels,
     coloured,
+    draw,
+    fit_detrended,
     fit_noise,
     fit_spectrum,
+    from_density,
     levels,
     runs,
     unwhiten,
     whiten,
+    without_lines,
 )
 
 AR = np.array([1.2, -0.8, 0.3])  # x_t = sum_j AR_j x_(t-j) + e_t, stable
@@ -154,10 +160,7 @@ def test_whitened_rows_give_their_columns_back():
 
 
 def test_a_spectrum_of_short_pieces_is_that_of_steep_noise():
-    """Recovery: orbit noise that falls by 1e4 in power from 1 to 6 mHz, beside polynomials: each knot within 5 sigma.
-
-    An autoregressive model of order 24 of the same pieces is off by factors of 3 to 20 there.
-    """
+    """Recovery: orbit noise that falls by 1e4 in power from 1 to 6 mHz beside polynomials: each knot within 5 sigma."""
     rng, knots = (
         seeds.generator("steep noise", 10 * 6e-7),
         1e-3 * np.array([0.5, 0.8, 1.2, 1.7, 2.3, 3, 4, 5.5, 7.5, 10, 20, 50, 100]),
@@ -180,8 +183,8 @@ def test_a_spectrum_of_short_pieces_is_that_of_steep_noise():
 WHITE = [NoiseModel(np.zeros(0), np.ones(1), 1.0)] * 3
 
 
-def test_levels_of_noise_that_changes_have_their_errors():
-    """Recovery: parts 0.4 apart in log power, pieces 0.2; level over truth scatters as its error says."""
+def test_levels_of_noise_that_changes_have_their_errors_and_others_none():
+    """Recovery: parts 0.4 apart in log power, pieces 0.2: scatter as the error says; stationary noise: one level."""
     rng, off = np.random.default_rng(4), []
     part = np.repeat(np.arange(7), 2)
     for _ in range(60):
@@ -191,13 +194,8 @@ def test_levels_of_noise_that_changes_have_their_errors():
         error = np.log(found.value) - (common + rng.normal(0, 0.2, (7, 3))) / 2
         off.append((error - error.mean(axis=0)) / found.error / np.sqrt(6 / 7))
     assert 0.9 < np.std(off) < 1.1  # one standard error is 0.02
-
-
-def test_stationary_noise_has_one_level():
-    """Contract: the same noise everywhere has no levels of its own, but by a chance of one percent."""
-    rng, part = np.random.default_rng(5), np.repeat(np.arange(7), 2)
     found = [levels(WHITE, [rng.standard_normal((300, 3)) for _ in part], [3] * 14, part, 7) for _ in range(100)]
-    assert sum(bool(np.any(one.error > 0)) for one in found) <= 5  # binomial tail 5e-4
+    assert sum(bool(np.any(one.error > 0)) for one in found) <= 5  # chance of one percent each, binomial tail 5e-4
 
 
 def test_a_level_that_changes_along_a_record_is_followed_and_a_burst_is_not():
@@ -213,3 +211,89 @@ def test_a_level_that_changes_along_a_record_is_followed_and_a_burst_is_not():
     assert np.all(changing_levels(still, 100).value == 1)
     still[4000:4200, 0] *= 3
     assert np.all(changing_levels(still, 100).value == 1)
+
+
+def quiet(rng, amplitude):
+    """Twenty pieces of three minutes of red noise at 2 Hz, a tone of 0.187 Hz in y."""
+    pieces = []
+    for _ in range(20):
+        noise = rng.standard_normal((360, 3))
+        noise[1:] += 0.6 * noise[:-1]
+        wave = np.sin(2 * np.pi * 0.187 * 0.5 * np.arange(360) + rng.uniform(0, 6.28))
+        pieces.append(noise + amplitude * np.outer(wave, [0, 1, 0]))
+    return pieces
+
+
+def test_a_tone_is_found_and_taken_out():
+    """Recovery: a tone ten times the noise density leaves no power behind; other axes and clean draws stay so."""
+    rng = np.random.default_rng(6)
+    pieces = quiet(rng, 3.0)
+    cleaned, found = without_lines(pieces, 0.5)
+    assert [axis for axis, _ in found] == [1]
+    assert abs(found[0][1] - 0.187) < 5e-4
+    wave = np.exp(-2j * np.pi * 0.187 * 0.5 * np.arange(360))
+    left = np.mean([np.abs(wave @ c[:, 1]) ** 2 / 360 for c in cleaned])
+    assert left < 3.0
+    assert all(np.array_equal(c[:, [0, 2]], p[:, [0, 2]]) for c, p in zip(cleaned, pieces, strict=True))
+    assert not any(without_lines(quiet(rng, 0.0), 0.5)[1] for _ in range(10))  # one in ten thousand axes is allowed
+
+
+def test_spectrum_is_the_sum_over_waves_of_each_frequency():
+    """Reference: Fourier sums written out, with gaps and a segment longer than the period of the lowest frequency."""
+    rng = np.random.default_rng(6)
+    segments = [rng.standard_normal((n, 2)) for n in (300, 90, 170)]
+    segments[1][[3, 40, 41], 1] = np.nan
+    parts, step = 200, 0.25
+    frequency = np.arange(3, 90) / (parts * step)
+    assert_allclose(lines._spectrum(segments, 1, parts)[3:90], lines._power(segments, 1, frequency, step), rtol=1e-9)
+
+
+RED = NoiseModel(np.array([0.9, -0.2]), np.array([1.0, 0.19, 0.19 * 0.96]), 1.0)
+
+
+def test_a_spectrum_comes_back_from_its_autocovariance_and_from_drawn_noise():
+    """Analytic: the model of an autoregressive spectrum is itself; a draw is stationary from the first sample on."""
+    rng, frequency = np.random.default_rng(4), (np.arange(4096) + 0.5) / 8192
+    again = from_density(RED.density(frequency), 2, 1.0)
+    assert_allclose(again.reflection, RED.reflection, atol=1e-9)
+    assert_allclose(again.variance[-1] / again.variance[0], RED.variance[-1] / RED.variance[0], rtol=1e-9)
+    expected = np.mean(RED.density(frequency)) / 2
+    drawn = np.stack([draw(RED, 50, rng) for _ in range(4000)])
+    assert_allclose(np.mean(drawn[:, 0] ** 2), expected, rtol=0.12)
+    assert_allclose(np.mean(drawn**2), expected, rtol=0.05)
+
+
+def test_what_a_fit_takes_is_put_back():
+    """Recovery: slow power of red noise after a cubic fit of 90 samples, short by 20 % in the plain fit."""
+    rng = np.random.default_rng(7)
+    cleaned = lambda segment, _: without(polynomial(np.arange(90.0), 3, 0, 89), segment)  # noqa: E731
+    segments = [np.stack([draw(RED, 90, rng) for _ in range(3)], axis=1) for _ in range(60)]
+    models = fit_detrended(segments, cleaned, 3, 1.0)
+    slow = np.linspace(0.002, 0.02, 10)
+    ratio = np.mean([m.density(slow) / RED.density(slow) for m in models])
+    assert 0.85 < ratio < 1.15
+
+
+def test_what_may_be_there_is_no_noise():
+    """Recovery: slow waves a thousand times the noise in one run with a gap; the spectrum below them as without."""
+    rng = np.random.default_rng(9)
+    noise = np.stack([draw(RED, 1500, rng) for _ in range(3)], axis=1)
+    noise[700:720] = np.nan
+    u = np.arange(1500.0)
+    waves = [f(2 * np.pi * k * u / 500) for k in (1, 2) for f in (np.cos, np.sin)]
+    columns = np.stack([wave[:, None] * np.eye(3)[a] for wave in waves for a in range(3)], axis=2)
+    size = 1000 * rng.standard_normal(columns.shape[2])
+    made = [noise + columns @ size]
+    found = fit_detrended(made, beside(made, [columns]), 3, 1.0)
+    slow = np.linspace(0.001, 0.02, 10)
+    ratio = np.mean([m.density(slow) / RED.density(slow) for m in found])
+    assert 0.75 < ratio < 1.3
+
+
+def test_simulated_noise_leaves_no_ripple_of_its_own():
+    """Analytic: a fit that takes nothing gives the plain model, whatever noise was simulated."""
+    segments = [np.random.default_rng(k).standard_normal((320, 2)) for k in range(5)]
+    frequency = np.linspace(0.01, 0.49, 30)
+    for axis, model in enumerate(fit_detrended(segments, lambda segment, _: segment, 6, 1.0)):
+        plain = fit_noise([s[:, axis] for s in segments], 6, 1.0)
+        assert_allclose(model.density(frequency), plain.density(frequency), rtol=1e-6)

@@ -19,30 +19,49 @@ def _clock(seconds, eps, flags=None, drift=0.0):
 
 
 def _at(seconds):
-    seconds = np.asarray(seconds, float)
-    return timing.normalised(START + np.floor(seconds).astype(int), seconds - np.floor(seconds))
+    known = np.floor(np.nan_to_num(seconds))
+    return timing.normalised(START + known.astype(int), np.asarray(seconds, float) - known)
 
 
 def _offset(tags, moved):
     return (moved.second - tags.second) + (moved.fraction - tags.fraction)
 
 
-def test_offset_is_a_line_between_two_records():
-    """Analytic: 10 s apart, 1e-7 s apart in offset, to 1e-16 s, the rounding of a fraction."""
-    tags = _at([0.0, 2.5, 7.75, 10.0])
-    moved, lost = timing.converted(tags, _clock([0, 10], [0.5, 0.5000001]), LIMITS)
-    assert not lost.any()
-    assert_allclose(_offset(tags, moved), 0.5 + 1e-8 * np.array([0, 2.5, 7.75, 10]), atol=2e-16)
+THIRTY = [0, 10, 20, 30], [0.1, 0.1, 0.1001, 0.1001]
+SPLIT = [5.0, 10.0, 15.0, 20.0, 25.0], [15.0], [0.1, 0.1, 0.1001, 0.1001]
+ENDS = [-6.0, -4.0, 14.0, 16.0]
+#: Tags, s; the clock: s, offset, flags, drift; tags that are lost, and offsets of the others.
+CASES = {
+    "line": ([0.0, 2.5, 7.75, 10.0], ([0, 10], [0.5, 0.5000001]), [], 0.5 + 1e-8 * np.array([0, 2.5, 7.75, 10])),
+    "flag before a jump": (SPLIT[0], (*THIRTY, [0, 1, 0, 0]), *SPLIT[1:]),
+    "flag after a jump": (SPLIT[0], (*THIRTY, [0, 0, 2, 0]), *SPLIT[1:]),
+    "both flags": (SPLIT[0], (*THIRTY, [0, 1, 2, 0]), *SPLIT[1:]),
+    "jump at one second": ([9.5, 10.0, 10.5], ([0, 10, 10, 20], [0, 0, 0.7, 0.7], [0, 1, 2, 0]), [], [0.0, 0.7, 0.7]),
+    "in other order": ([9.5, 10.0, 10.5], ([0, 10, 10, 20], [0, 0.7, 0, 0.7], [0, 2, 1, 0]), [], [0.0, 0.7, 0.7]),
+    "nothing says which": ([5.0, 15.0, 25.0], ([0, 10, 10, 20, 30], [0, 0, 0.7, 0.7, 0.7]), [5.0, 15.0], [0.7]),
+    "jump of 2 ms, none of 0.5": ([5.0, 15.0], ([0, 10, 20], [0.0, 0.0005, 0.0025]), [15.0], [0.00025]),
+    "gap of 21 s, none of 20": ([10.0, 20.0, 30.0, 41.0], ([0, 20, 41], [0, 0, 0]), [30.0], [0, 0, 0]),
+    "before and after, by the drift": (ENDS, ([0, 10], [0, 1e-7], [0, 0], 1e-8), [-6.0, 16.0], [-4e-8, 1.4e-7]),
+    "not before a start nor after an end": (ENDS, ([0, 10], [0, 1e-7], [2, 1], 1e-8), ENDS, []),
+    "not after an end": (ENDS, ([0, 10], [0, 1e-7], [0, 1], 1e-8), [-6.0, 14.0, 16.0], [-4e-8]),
+    "first record twice": ([-1.0, 0.0, 1.0], ([0, 0, 10], [0.1, 0.1, 0.1], [2, 0, 0]), [-1.0], [0.1, 0.1]),
+    "empty clock": ([0.0], ([], []), [0.0], []),
+    "over the second, down": ([3.01, 3.99], ([0, 10], [-0.02, -0.02]), [], [-0.02, -0.02]),
+    "over the second, up": ([3.01, 3.99], ([0, 10], [0.02, 0.02]), [], [0.02, 0.02]),
+    "lost before": ([np.nan, 1.0], ([0, 10], [0.0, 0.0]), [np.nan], [0.0]),
+}
 
 
-def test_fractions_are_carried_into_the_seconds():
-    """Analytic: a negative offset takes a tag over the second, a positive one too."""
-    tags = _at([3.01, 3.99])
-    moved, _ = timing.converted(tags, _clock([0, 10], [-0.02, -0.02]), LIMITS)
-    assert_array_equal(moved.second, [START + 2, START + 3])
-    assert_allclose(moved.fraction, [0.99, 0.97], atol=1e-15)
-    moved, _ = timing.converted(tags, _clock([0, 10], [0.02, 0.02]), LIMITS)
-    assert_array_equal(moved.second, [START + 3, START + 4])
+@pytest.mark.parametrize("name", CASES)
+def test_tags_have_the_offset_of_the_clock_or_none(name):
+    """Analytic: lines between records; never over a flag, a jump above 1 ms, a gap above 20 s, 5 s beyond the ends."""
+    seconds, clock, lost, offsets = CASES[name]
+    tags = _at(seconds)
+    moved, found = timing.converted(tags, _clock(*clock), LIMITS)
+    assert_array_equal(found, [one in lost or np.isnan(one) for one in seconds])
+    assert_allclose(_offset(tags, moved)[~found], offsets, rtol=0, atol=1e-15)
+    assert ((moved.fraction[~found] >= 0) & (moved.fraction[~found] < 1)).all()
+    assert np.isnan(moved.time[found]).all()
 
 
 @given(second=st.integers(-(2**31), 2**31), fraction=st.floats(-1e3, 1e3))
@@ -52,67 +71,6 @@ def test_normalised_fractions_lie_in_the_second(second, fraction):
     tags = timing.normalised(np.array([second]), np.array([fraction]))
     assert 0 <= tags.fraction[0] < 1
     assert_allclose((tags.second[0] - second) + tags.fraction[0], fraction, atol=2e-13)
-
-
-@pytest.mark.parametrize("flags", [[0, 1, 0, 0], [0, 0, 2, 0], [0, 1, 2, 0]])
-def test_a_flagged_jump_is_never_interpolated_across(flags):
-    """Contract: bit 0 after the record before, bit 1 before the record after, or both."""
-    tags = _at([5.0, 10.0, 15.0, 20.0, 25.0])
-    moved, lost = timing.converted(tags, _clock([0, 10, 20, 30], [0.1, 0.1, 0.1001, 0.1001], flags), LIMITS)
-    assert_array_equal(lost, [False, False, True, False, False])
-    assert_allclose(_offset(tags, moved)[~lost], [0.1, 0.1, 0.1001, 0.1001], atol=1e-15)
-    assert np.isnan(moved.time[lost]).all()
-
-
-def test_a_jump_at_one_second_splits_the_clock_there():
-    """Contract: two records of one second, the first ends a stretch, the second starts one, in either order."""
-    tags = _at([9.5, 10.0, 10.5])
-    for order in ([0, 1, 2, 3], [0, 2, 1, 3]):
-        seconds, eps, flags = np.array([0, 10, 10, 20]), np.array([0.0, 0.0, 0.7, 0.7]), np.array([0, 1, 2, 0])
-        moved, lost = timing.converted(tags, _clock(seconds[order], eps[order], flags[order]), LIMITS)
-        assert not lost.any()
-        assert_allclose(_offset(tags, moved), [0.0, 0.7, 0.7], atol=1e-15)
-
-
-def test_two_offsets_at_one_second_without_a_flag_are_not_trusted():
-    """Contract: nothing says which holds, on either side."""
-    tags = _at([5.0, 15.0, 25.0])
-    _, lost = timing.converted(tags, _clock([0, 10, 10, 20, 30], [0.0, 0.0, 0.7, 0.7, 0.7]), LIMITS)
-    assert_array_equal(lost, [True, True, False])
-
-
-def test_an_unflagged_jump_is_seen_by_its_size():
-    """Contract: 2 ms between two records against a limit of 1 ms; 0.5 ms pass."""
-    tags = _at([5.0, 15.0])
-    _, lost = timing.converted(tags, _clock([0, 10, 20], [0.0, 0.0005, 0.0025]), LIMITS)
-    assert_array_equal(lost, [False, True])
-
-
-def test_gaps_of_the_clock_are_not_bridged_beyond_the_limit():
-    """Contract: 20 s pass, 21 s do not; a tag on a record needs no neighbour."""
-    tags = _at([10.0, 20.0, 30.0, 41.0])
-    _, lost = timing.converted(tags, _clock([0, 20, 41], [0.0, 0.0, 0.0]), LIMITS)
-    assert_array_equal(lost, [False, False, True, False])
-
-
-@pytest.mark.parametrize(
-    ("flags", "expected"), [([0, 0], [1, 0, 0, 1]), ([2, 1], [1, 1, 1, 1]), ([0, 1], [1, 0, 1, 1])]
-)
-def test_extrapolation_ends_at_the_limit_and_at_the_flags(flags, expected):
-    """Contract: 5 s either side, nothing before a start, nothing after an end; by the drift."""
-    tags = _at([-6.0, -4.0, 14.0, 16.0])
-    moved, lost = timing.converted(tags, _clock([0, 10], [0.0, 1e-7], flags, drift=1e-8), LIMITS)
-    assert_array_equal(lost, np.array(expected, bool))
-    assert_allclose(_offset(tags, moved)[~lost], np.array([-4e-8, 1.4e-7])[~lost[1:3]], atol=1e-15)
-
-
-def test_first_record_twice_is_one_record_that_starts():
-    """Contract: as in every RL04 file, flags 2 then 0."""
-    clock = _clock([0, 0, 10], [0.1, 0.1, 0.1], [2, 0, 0])
-    assert_array_equal(clock.second, [START, START + 10])
-    assert_array_equal(clock.starts, [True, False])
-    _, lost = timing.converted(_at([-1.0, 0.0, 1.0]), clock, LIMITS)
-    assert_array_equal(lost, [True, False, False])
 
 
 def test_records_without_mapping_leave_the_on_board_clock():
@@ -127,16 +85,6 @@ def test_records_without_mapping_leave_the_on_board_clock():
     moved, lost = timing.converted(tags, clock, LIMITS)
     assert not lost.any()
     assert_allclose(_offset(tags, moved), 0, atol=1e-16)
-
-
-def test_an_undetermined_tag_stays_undetermined():
-    """Contract: what the first clock lost, the second does not find; an empty clock loses all."""
-    tags = timing.Tags(np.array([START, START + 1]), np.array([np.nan, 0.0]))
-    _, lost = timing.converted(tags, _clock([0, 10], [0.0, 0.0]), LIMITS)
-    assert_array_equal(lost, [True, False])
-    moved, lost = timing.converted(tags, _clock([], []), LIMITS)
-    assert lost.all()
-    assert np.isnan(moved.time).all()
 
 
 def test_records_are_ordered_and_repeats_reported():

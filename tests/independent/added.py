@@ -4,47 +4,19 @@ import numpy as np
 
 from .attitude import first_order
 
-LINEAR = {}
 
-
-def _effect(function):
-    LINEAR[function.__name__] = function
-    return function
-
-
-@_effect
-def acc_current_leak(s, value):
-    """Leak from the torquers."""
-    return s.current @ value.T
-
-
-@_effect
 def acc_tone(s, value, frequency_hz, phase):
     """Sine."""
     phase = s.rng("tone").uniform(0, 2 * np.pi) if phase is None else phase
     return np.outer(np.sin(2 * np.pi * frequency_hz * s.t + phase), value)
 
 
-@_effect
-def odd_field_current(s, value):
-    """Strength of the field times current."""
-    return np.outer(s.strength * s.total, value)
-
-
-@_effect
 def odd_current_squared(s, value, lag_s):
     """Current squared, lagged, as of warming."""
     squared = np.repeat(s.total[:, None] ** 2, 3, 1)
     return first_order(s.t, squared, lag_s, squared[0]) * value
 
 
-@_effect
-def odd_latitude(s, value, cycles):
-    """Function of latitude."""
-    return np.outer(np.sin(cycles * s.latitude) if cycles else s.latitude, value)
-
-
-@_effect
 def odd_edge_spike(s, value, decay_s, signed):
     """Decaying spike after each edge, with the sign of the change if signed."""
     shape = np.zeros_like(s.t)
@@ -56,36 +28,20 @@ def odd_edge_spike(s, value, decay_s, signed):
     return np.outer(shape, value)
 
 
-@_effect
 def odd_telegraph(s, value, rate_hz):
     """Random telegraph signal, one realisation for the whole day."""
     flips = np.cumsum(s.rng("telegraph").exponential(1 / rate_hz, int(86400 * rate_hz * 1.2) + 50))
     return np.outer(1.0 - 2.0 * (np.searchsorted(flips, s.t) % 2), value)
 
 
-@_effect
-def odd_hysteresis(s, value, width_ma):
-    """Play operator: follows the current only beyond half a width."""
-    out, last = np.empty_like(s.total), 0.0
-    for k, current in enumerate(s.total):
-        last = min(max(last, current - width_ma / 2), current + width_ma / 2)
-        out[k] = last
-    return np.outer(out, value)
+def play(x, width, last=0.0):
+    """Follows x (n,) only beyond half a width."""
+    out = np.empty_like(x)
+    for k, value in enumerate(x):
+        out[k] = last = min(max(last, value - width / 2), value + width / 2)
+    return out
 
 
-@_effect
-def odd_second_hand(s, value):
-    """Saw-tooth of each GPS second."""
-    return np.outer(s.t % 1.0 - 0.5, value)
-
-
-@_effect
-def odd_rate_product(s, value):
-    """Product of two rates off the reference."""
-    return np.outer(s.rate_off[:, 0] * s.rate_off[:, 2], value)
-
-
-@_effect
 def odd_chirp(s, value, from_hz, to_hz):
     """Sine of rising frequency, in manoeuvres."""
     shape = np.zeros_like(s.t)
@@ -95,6 +51,16 @@ def odd_chirp(s, value, from_hz, to_hz):
         phase = from_hz * x + (to_hz - from_hz) * x**2 / (2 * m.duration_s)
         shape += inside * np.sin(2 * np.pi * phase)
     return np.outer(shape, value)
+
+
+LINEAR = {one.__name__: one for one in (acc_tone, odd_current_squared, odd_edge_spike, odd_telegraph, odd_chirp)} | {
+    "acc_current_leak": lambda s, value: s.current @ value.T,
+    "odd_field_current": lambda s, value: np.outer(s.strength * s.total, value),
+    "odd_latitude": lambda s, value, cycles: np.outer(np.sin(cycles * s.latitude) if cycles else s.latitude, value),
+    "odd_hysteresis": lambda s, value, width_ma: np.outer(play(s.total, width_ma), value),
+    "odd_second_hand": lambda s, value: np.outer(s.t % 1.0 - 0.5, value),
+    "odd_rate_product": lambda s, value: np.outer(s.rate_off[:, 0] * s.rate_off[:, 2], value),  # off the reference
+}
 
 
 def total(scene, effects):

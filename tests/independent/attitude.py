@@ -62,11 +62,27 @@ def gravity_torque(q, inertia, gradient):
 
 
 @njit(cache=True)
-def rate_dot(q, w, moment, env, extra, solid):
-    """Angular acceleration; env rows: field (inertial), gradient (3 rows, inertial), smooth torque (body)."""
+def wanted_rate_dot(q, w, reference, gains):
+    """Angular acceleration that a slow PD controller asks for; gains of angle (s-2) and rate (s-1)."""
+    r, v = (reference[1], reference[2], reference[3]), (q[1], q[2], q[3])
+    scalar = reference[0] * q[0] + dot(r, v)
+    part = add(cross(v, r), (reference[0] * v[0], reference[0] * v[1], reference[0] * v[2]), 1.0)
+    angle = add((0.0, 0.0, 0.0), add(part, r, -q[0]), 2.0 * np.sign(scalar))
+    rate = add(add(w, reference[4:], -1.0), cross(angle, reference[4:]), 1.0)
+    return add((-gains[0] * angle[0], -gains[0] * angle[1], -gains[0] * angle[2]), rate, -gains[1])
+
+
+@njit(cache=True)
+def rate_dot(q, w, moment, env, extra, solid, reference, gains):
+    """Angular acceleration; env rows: field (inertial), gradient (3 rows, inertial), smooth torque (body).
+
+    With gains a controller without delay holds the reference.
+    """
     inertia, inverse = solid
     torque = add(cross(moment, rotate(q, env[0], -1.0)), gravity_torque(q, inertia, env[1:4]), 1.0)
     torque = add(add(torque, env[4], 1.0), extra, 1.0)
+    if gains[0] > 0:
+        torque = add(torque, times(inertia, wanted_rate_dot(q, w, reference, gains)), 1.0)
     return times(inverse, add(torque, cross(w, times(inertia, w)), -1.0))
 
 
@@ -85,15 +101,16 @@ def moved(q, rate, step):
 
 
 @njit(cache=True)
-def runge_kutta(q, w, h, moments, envs, extra, solid):
-    """One classical step; three moments and three environments (start, middle, end); normalised quaternion."""
-    a1, b1 = attitude_rate(q, w), rate_dot(q, w, moments[0], envs[0], extra, solid)
+def runge_kutta(q, w, h, moments, envs, extra, solid, control):
+    """One classical step; moments, environments and references at start, middle, end; normalised quaternion."""
+    ref, gains = control
+    a1, b1 = attitude_rate(q, w), rate_dot(q, w, moments[0], envs[0], extra, solid, ref[0], gains)
     q2, w2 = moved(q, a1, h / 2), add(w, b1, h / 2)
-    a2, b2 = attitude_rate(q2, w2), rate_dot(q2, w2, moments[1], envs[1], extra, solid)
+    a2, b2 = attitude_rate(q2, w2), rate_dot(q2, w2, moments[1], envs[1], extra, solid, ref[1], gains)
     q3, w3 = moved(q, a2, h / 2), add(w, b2, h / 2)
-    a3, b3 = attitude_rate(q3, w3), rate_dot(q3, w3, moments[1], envs[1], extra, solid)
+    a3, b3 = attitude_rate(q3, w3), rate_dot(q3, w3, moments[1], envs[1], extra, solid, ref[1], gains)
     q4, w4 = moved(q, a3, h), add(w, b3, h)
-    a4, b4 = attitude_rate(q4, w4), rate_dot(q4, w4, moments[2], envs[2], extra, solid)
+    a4, b4 = attitude_rate(q4, w4), rate_dot(q4, w4, moments[2], envs[2], extra, solid, ref[2], gains)
     q = moved(moved(q, a1, h / 6), a4, h / 6)
     q = moved(moved(q, a2, h / 3), a3, h / 3)
     w = add(add(add(add(w, b1, h / 6), b2, h / 3), b3, h / 3), b4, h / 6)
@@ -112,17 +129,6 @@ def moment_of(current, rods):
     """Dipole of the rods in A m2."""
     dipole, residual = rods
     return add(times(dipole, current), residual, 1.0)
-
-
-@njit(cache=True)
-def wanted_rate_dot(q, w, reference, gains):
-    """Angular acceleration that a slow PD controller asks for; gains of angle (s-2) and rate (s-1)."""
-    r, v = (reference[1], reference[2], reference[3]), (q[1], q[2], q[3])
-    scalar = reference[0] * q[0] + dot(r, v)
-    part = add(cross(v, r), (reference[0] * v[0], reference[0] * v[1], reference[0] * v[2]), 1.0)
-    angle = add((0.0, 0.0, 0.0), add(part, r, -q[0]), 2.0 * np.sign(scalar))
-    rate = add(add(w, reference[4:], -1.0), cross(angle, reference[4:]), 1.0)
-    return add((-gains[0] * angle[0], -gains[0] * angle[1], -gains[0] * angle[2]), rate, -gains[1])
 
 
 @njit(cache=True)
@@ -168,11 +174,12 @@ def propagate(t, envs, modes, drive, reference, dither, start, body, control):
         now = add(drive[k], trim, 1.0)
         begun, half, fast = lagged(fast, now, 0.0, lag), lagged(fast, now, h / 2, lag), lagged(fast, now, h, lag)
         m = moment_of(begun, rods), moment_of(half, rods), moment_of(fast, rods)
-        wd = rate_dot(q, w, m[0], envs[0][k], ideal, solid)
+        wd = rate_dot(q, w, m[0], envs[0][k], ideal, solid, reference[k], (0.0, 0.0))
         table[k] = np.array(q + w + now + m[0] + wd)
         if k < n - 1:
             here = envs[0][k], envs[1][k], envs[0][last]
-            q, w = runge_kutta(q, w, h, m, here, ideal, solid)
+            same = (reference[k], reference[k], reference[k]), (0.0, 0.0)
+            q, w = runge_kutta(q, w, h, m, here, ideal, solid, same)
     return table, (q, w, trim, fast, ideal)
 
 

@@ -22,23 +22,14 @@ TIMING = {
 }
 TORQUE = {
     "dipole_gain": Effect("1", "vector", "dipole of each rod = (1 + value) k current"),
-    "rod_misalignment": Effect("rad", "matrix", "dipole along row axis from column rod, relative to its own"),
     "torque_lag_s": Effect("s", "scalar", "dipole follows the current with this first-order lag"),
     "residual_dipole": Effect("A m2", "vector", "constant dipole"),
-    "inertia_scale": Effect("1", "vector", "true principal moments = (1 + value) nominal"),
     "inertia_products": Effect("kg m2", "vector", "true J_xy, J_xz, J_yz elements"),
-    "torque_constant": Effect("N m", "vector", "constant torque"),
 }
 READING = {
-    "acc_scale": Effect("1", "vector", "linear reading = (1 + value) truth"),
-    "acc_misalignment": Effect("rad", "vector", "linear sensor axes turned by +value from SRF"),
-    "acc_crosstalk": Effect("1", "matrix", "row channel also reads this share of column axis"),
     "ang_scale": Effect("1", "vector", "angular reading = (1 + value) truth"),
-    "ang_misalignment": Effect("rad", "vector", "angular sensor axes turned by +value from SRF"),
     "mag_scale": Effect("1", "vector", "magnetometer = (1 + value) field"),
-    "mag_misalignment": Effect("rad", "vector", "magnetometer axes turned by +value from SRF"),
     "mag_current_leak": Effect("nT/mA", "matrix", "magnetometer row axis from column rod"),
-    "sca_misalignment": Effect("rad", "vector", "star camera frame turned by +value from SRF"),
 }
 ADDED = {
     "acc_current_leak": Effect("m s-2/mA", "matrix", "linear reading, row axis from column rod"),

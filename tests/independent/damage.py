@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import h5py
 import numpy as np
 
 MARK = b"# End of YAML header\n"
@@ -111,3 +112,49 @@ def shift_day(path, days=1):
     head, rows = _read(path)
     moved = [r.split(maxsplit=1) for r in rows]
     _write(path, head, [str(int(a) + 86400 * days).encode() + b" " + b for a, b in moved])
+
+
+def netcdf(path, names, change):
+    """Change variables of a netCDF file together: by a function of them that alters them in place or returns others."""
+    with h5py.File(path, "r+") as file:
+        values = [file[name][...] for name in names]
+        for name, value in zip(names, change(*values) or values, strict=True):
+            file[name][...] = value
+
+
+def _of_each(change):
+    return lambda *values: [change(one) for one in values] and None
+
+
+def times(factor, *place, first=0.0, count=None):
+    """Other unit, sign or nothing of what stands at a place behind time; from a share of the record on, so many."""
+
+    def change(values):
+        start = int(first * len(values))
+        values[start : None if count is None else start + count, *place] *= factor
+
+    return _of_each(change)
+
+
+def exchanged(first, second):
+    """Two components exchanged."""
+
+    def change(values):
+        values[..., [first, second]] = values[..., [second, first]]
+
+    return _of_each(change)
+
+
+def held(*place):
+    """A tenth of the record frozen."""
+
+    def change(values):
+        start, stop = int(0.45 * len(values)), int(0.55 * len(values))
+        values[start:stop, *place] = values[start, *place]
+
+    return _of_each(change)
+
+
+def late(seconds):
+    """Times of the whole file moved."""
+    return lambda time: (time + seconds,)

@@ -58,10 +58,8 @@ class World:
     def _body(self):
         s, e = self.settings, self.effects
         xy, xz, yz = e["inertia_products"]["value"]
-        inertia = np.diag(np.asarray(s.inertia, float) * (1 + e["inertia_scale"]["value"]))
-        inertia += np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
-        dipole = s.dipole_per_current * (np.eye(3) + e["rod_misalignment"]["value"])
-        dipole = dipole * (1 + e["dipole_gain"]["value"])
+        inertia = np.diag(np.asarray(s.inertia, float)) + np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
+        dipole = s.dipole_per_current * np.eye(3) * (1 + e["dipole_gain"]["value"])
         return Body(inertia, dipole, e["residual_dipole"]["value"], e["torque_lag_s"]["value"])
 
 

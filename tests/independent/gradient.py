@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from . import attitude, earth, noise
 from .field import field_earth
-from .orbit import make_orbit
+from .orbit import flight, make_orbit
 from .scene import stream
 from .writer import netcdf
 
@@ -58,44 +58,22 @@ def write_field(path):
 
 
 @njit(cache=True)
-def rate_dot(q, w, dipole, env, reference, solid, gains):
-    """Angular acceleration with the control that the operator knows."""
-    wanted = attitude.wanted_rate_dot(q, w, reference, gains)
-    return attitude.rate_dot(q, w, dipole, env, attitude.times(solid[0], wanted), solid)
-
-
-@njit(cache=True)
 def fly(step, envs, references, dipole, solid, gains, start):
     """Quaternion, rate and angular acceleration (n, 10) on even times; what acts is given at every half step."""
     q, w = start
-    out = np.empty(((len(envs) + 1) // 2, 10))
+    out, same, none = np.empty(((len(envs) + 1) // 2, 10)), (dipole, dipole, dipole), (0.0, 0.0, 0.0)
     for k in range(len(out)):
-        b1 = rate_dot(q, w, dipole, envs[2 * k], references[2 * k], solid, gains)
-        out[k] = np.array(q + w + b1)
-        if k == len(out) - 1:
-            break
-        a1, m, e = attitude.attitude_rate(q, w), 2 * k + 1, 2 * k + 2
-        q2, w2 = attitude.moved(q, a1, step / 2), attitude.add(w, b1, step / 2)
-        a2, b2 = attitude.attitude_rate(q2, w2), rate_dot(q2, w2, dipole, envs[m], references[m], solid, gains)
-        q3, w3 = attitude.moved(q, a2, step / 2), attitude.add(w, b2, step / 2)
-        a3, b3 = attitude.attitude_rate(q3, w3), rate_dot(q3, w3, dipole, envs[m], references[m], solid, gains)
-        q4, w4 = attitude.moved(q, a3, step), attitude.add(w, b3, step)
-        a4, b4 = attitude.attitude_rate(q4, w4), rate_dot(q4, w4, dipole, envs[e], references[e], solid, gains)
-        q = attitude.moved(attitude.moved(q, a1, step / 6), a4, step / 6)
-        q = attitude.moved(attitude.moved(q, a2, step / 3), a3, step / 3)
-        size = np.sqrt(q[0] ** 2 + q[1] ** 2 + q[2] ** 2 + q[3] ** 2)
-        q = (q[0] / size, q[1] / size, q[2] / size, q[3] / size)
-        w = attitude.add(attitude.add(w, b1, step / 6), b4, step / 6)
-        w = attitude.add(attitude.add(w, b2, step / 3), b3, step / 3)
+        m, e = 2 * k + (k < len(out) - 1), 2 * k + 2 * (k < len(out) - 1)
+        known = (references[2 * k], references[m], references[e]), gains
+        rate_dot = attitude.rate_dot(q, w, dipole, envs[2 * k], none, solid, known[0][0], gains)
+        out[k] = np.array(q + w + rate_dot)
+        q, w = attitude.runge_kutta(q, w, step, same, (envs[2 * k], envs[m], envs[e]), none, solid, known)
     return out
 
 
 def orbit_frame(orbit, t):
     """Rotation from x along the flight, z to nadir to GCRS."""
-    r, v = orbit.position(t), orbit.velocity(t)
-    z, y = -r / np.linalg.norm(r, axis=1)[:, None], -np.cross(r, v)
-    y /= np.linalg.norm(y, axis=1)[:, None]
-    return Rotation.from_matrix(np.stack([np.cross(y, z), y, z], -1))
+    return flight(orbit, t) * Rotation.from_matrix([[0, 0, -1], [0, 1, 0], [1, 0, 0]])
 
 
 def motion(orbit, t, step, rng, known):

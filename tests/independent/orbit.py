@@ -46,6 +46,13 @@ class Orbit:
         return (before.inv() * after).as_rotvec() / (2 * step)
 
 
+def flight(orbit, seconds):
+    """Rotation from x outward, z along the flight to GCRS."""
+    r, v = orbit.position(seconds), orbit.velocity(seconds)
+    x, y = _unit(r), _unit(-np.cross(r, v))
+    return Rotation.from_matrix(np.stack([x, y, np.cross(x, y)], -1))
+
+
 def _unit(vectors):
     return vectors / np.linalg.norm(vectors, axis=-1, keepdims=True)
 

@@ -11,6 +11,7 @@ from scipy.signal import fftconvolve
 from scipy.spatial.transform import Rotation
 
 from . import earth, noise
+from .added import play
 from .orbit import Orbit, make_orbit
 from .scene import stream
 from .writer import Writer
@@ -99,15 +100,6 @@ class Pair:
         return np.linalg.norm(place["D"] - place["C"], axis=1) - two_way
 
 
-def play(x, width):
-    """Follows x only beyond half a width."""
-    out, last = np.empty_like(x), x[0]
-    for k, value in enumerate(x):
-        last = min(max(last, value - width / 2), value + width / 2)
-        out[k] = last
-    return out
-
-
 def hidden(pair, t, effects):
     """What hidden effects add to the range, m."""
     out = np.zeros_like(t)
@@ -121,7 +113,7 @@ def hidden(pair, t, effects):
     if "odd_play" in effects:  # in no list: value m/rad, satellite, axis, width rad: the horn yields with a backlash
         e = effects["odd_play"]
         angle = pair.angles(e["satellite"], t)[:, e["axis"]]
-        out += e["value"] * (play(angle, e["width"]) - angle)
+        out += e["value"] * (play(angle, e["width"], angle[0]) - angle)
     return out
 
 

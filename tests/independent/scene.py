@@ -78,14 +78,13 @@ class Scene:
 
 def environment(world, t):
     """Field, gradient (3 rows, GCRS) and smooth torque (SRF) at times: (n, 5, 3)."""
-    s, effects = world.settings, world.effects
+    s = world.settings
     knots = np.arange(t.min() - 10.0, t.max() + 15.0, 5.0)
     turn = earth.gcrs_to_earth(s.date, knots)
     position_e = np.einsum("nij,nj->ni", turn, world.orbit.position(knots))
     field_e = field_earth(s.date, knots, position_e, s.field_generation)
     field_i = CubicSpline(knots, np.einsum("nji,nj->ni", turn, field_e))(t)
-    torque = world.torque(t) + effects["torque_constant"]["value"]
-    return np.concatenate([field_i[:, None], world.orbit.gradient(t), torque[:, None]], axis=1)
+    return np.concatenate([field_i[:, None], world.orbit.gradient(t), world.torque(t)[:, None]], axis=1)
 
 
 def held(world, t):

@@ -32,20 +32,12 @@ def truth_at_proof_mass(scene):
     return scene.world.force(scene.t) + spin - tidal
 
 
-def _turned(values, angle):
-    """Components on axes turned by a small rotation vector."""
-    return Rotation.from_rotvec(angle).inv().apply(values)
-
-
 def accelerometer(scene, keep):
     """Linear and angular readings (m, 3) at grid indices, without noise, bias or quantisation."""
     e = scene.world.effects
     scene.linear = truth_at_proof_mass(scene)
     linear = scene.linear + added.total(scene, e)
-    linear = _turned(linear, e["acc_misalignment"]["value"]) @ (np.eye(3) + e["acc_crosstalk"]["value"]).T
-    linear = linear * (1 + e["acc_scale"]["value"])
-    angular = _turned(scene.rate_dot, e["ang_misalignment"]["value"]) * (1 + e["ang_scale"]["value"])
-    return linear[keep], angular[keep]
+    return linear[keep], scene.rate_dot[keep] * (1 + e["ang_scale"]["value"])
 
 
 def spoil(scene, linear, angular):
@@ -68,7 +60,7 @@ def star_camera(scene, keep):
     s, start = world.settings, round(scene.t[0])
     rng = stream(world.seed, "sca", start)
     error = rng.normal(0, 1, (len(keep), 3)) * np.asarray(s.sca_noise_rad) * loudness(scene, "sca")
-    small = Rotation.from_rotvec(error + world.effects["sca_misalignment"]["value"])
+    small = Rotation.from_rotvec(error)
     return (scene.rotation[keep] * small).as_quat(canonical=False, scalar_first=True)
 
 
@@ -77,7 +69,7 @@ def magnetometer(scene, keep, half):
     world = scene.world
     s, e = world.settings, world.effects
     current = scene.current[keep]
-    field = _turned(scene.field[keep], e["mag_misalignment"]["value"]) * 1e6 * (1 + e["mag_scale"]["value"])
+    field = scene.field[keep] * 1e6 * (1 + e["mag_scale"]["value"])
     field = field + 1e-3 * (world.mag_bias_nt + current @ e["mag_current_leak"]["value"].T)
     rng = stream(world.seed, "mag", round(scene.t[0]))
     field = field + rng.normal(0, s.mag_noise_nt * 1e-3 * loudness(scene, "mag"), field.shape)

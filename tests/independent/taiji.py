@@ -13,7 +13,7 @@ from numba import njit
 from scipy.spatial.transform import Rotation, Slerp
 
 from . import attitude, earth, noise
-from .orbit import make_orbit
+from .orbit import flight, make_orbit
 from .scene import stream
 from .writer import netcdf
 
@@ -71,14 +71,6 @@ def rates(kind, t, rng, mean):
     return w, wd
 
 
-def frame(orbit, t):
-    """Sensor frame in normal pointing (x outward, z along the flight) to GCRS."""
-    r, v = orbit.position(t), orbit.velocity(t)
-    x, y = r / np.linalg.norm(r, axis=1)[:, None], -np.cross(r, v)
-    y /= np.linalg.norm(y, axis=1)[:, None]
-    return Rotation.from_matrix(np.stack([x, y, np.cross(x, y)], -1))
-
-
 def voltages(linear, angular, k, beta):
     """The six voltages of Table 3 that hold the test mass."""
     both, torque = linear / k, angular / beta  # 2 V1 + V2 + V3, Vy, V4 + V5; V4 - V5, V2 - V3, 2 V1 - V2 - V3
@@ -112,10 +104,10 @@ class Sensor:
         day, elements = earth.day_start(name), {"height_m": 604e3, "inclination_deg": 97.67, "eccentricity": 8e-4}
         orbit = make_orbit(self.rng("orbit", kind), day + 43200, spacing_s=30.0, **elements)
         fine = begin - 1.0 + STEP * np.arange(int((duration + 2) / STEP) + 1)
-        mean = (frame(orbit, fine[:1]).inv() * frame(orbit, fine[-1:])).as_rotvec()[0] / (fine[-1] - fine[0])
+        mean = (flight(orbit, fine[:1]).inv() * flight(orbit, fine[-1:])).as_rotvec()[0] / (fine[-1] - fine[0])
         w, wd = rates(kind, fine, self.rng, mean)
         middle = (w[1:] + w[:-1]) / 2 - STEP**2 / 12 * (wd[1:] - wd[:-1]) / STEP
-        start = frame(orbit, fine[:1])[0] * Rotation.from_rotvec(self.rng("start", kind).normal(0, 3e-4, 3))
+        start = flight(orbit, fine[:1])[0] * Rotation.from_rotvec(self.rng("start", kind).normal(0, 3e-4, 3))
         q = Rotation.from_quat(
             turned(tuple(start.as_quat(scalar_first=True).tolist()), middle * STEP), scalar_first=True
         )
@@ -145,7 +137,7 @@ class Sensor:
         u = 2 * np.pi * t / 5810.0
         push = np.stack([0 * t, np.full_like(t, -3e-8), -5e-8 * (1 + 0.25 * np.sin(u) + 0.1 * np.cos(2 * u))], -1)
         p = self.offset
-        linear = (q.inv() * frame(orbit, t)).apply(push) - self.bias - np.einsum("nij,j->ni", gradient, p)
+        linear = (q.inv() * flight(orbit, t)).apply(push) - self.bias - np.einsum("nij,j->ni", gradient, p)
         linear += np.cross(w, np.cross(w, p)) + np.cross(wd, p)
         linear += noise.coloured(self.rng("force", kind), len(t), FORCE)
         twist = INERTIA @ gradient - gradient @ INERTIA

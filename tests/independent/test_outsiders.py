@@ -5,29 +5,16 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from commands import document
+from commands import run
 from numpy.testing import assert_allclose
 
 from gravcal.store import store
 from tasks.stage import read
 
 from . import gradient, ranging, taiji
-from .rows import table
+from .conftest import table
 
 DATA = Path(__file__).parents[3] / "shared" / "data" / "gracefo-2023-06-01"
-
-
-@pytest.fixture
-def called(tmp_path, monkeypatch):
-    """Function from command, calibration and settings to its document on the files in `tmp_path`/data."""
-    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))
-
-    def call(command, calibration, *settings):
-        words = [word for setting in settings for word in ("--set", setting)]
-        # headers of another hand say nothing of their origin
-        return document(command, calibration, tmp_path / "data", *words, origin="measured")[1]
-
-    return call
 
 
 def within(value, sigma, truth, limit=4.0):
@@ -82,10 +69,10 @@ def test_the_tensor_is_the_second_derivative_and_has_no_trace():
     assert abs(np.trace(found)) < 1e-20
 
 
-def test_both_phase_centres_come_back(tmp_path, called):
+def test_both_phase_centres_come_back(tmp_path):
     """Recovery: exact orbits, so that light time and filter show in range minus orbit."""
     truth = ranging.make_campaign(tmp_path / "data", 1, orbit_error_m=0.0)
-    said = called("run", "kbr_phase_centre")
+    said = run("kbr_phase_centre", tmp_path / "data")[0]
     apart = checked(said)
     for letter, centre in truth["phase_centre_mm"].items():
         for kind in ("range", "range_rate", "range_acceleration"):
@@ -95,10 +82,10 @@ def test_both_phase_centres_come_back(tmp_path, called):
     assert apart["range rate against orbits, rms"] < 0.3  # um/s
 
 
-def test_swing_and_roll_come_back(tmp_path, called):
+def test_swing_and_roll_come_back(tmp_path):
     """Recovery: factors, offset and bias, the roll about -y."""
     truth = taiji.make_event(tmp_path / "data", 1)
-    said = called("run", "inertial_sensor")
+    said = run("inertial_sensor", tmp_path / "data")[0]
     apart, swing, bias = checked(said), said["swing"], said["roll"]["bias"]
     for axis, number in (("x", 0), ("z", 2)):
         within(swing["k"][axis]["value"], swing["k"][axis]["sigma_total"], truth["k"][number])
@@ -111,10 +98,10 @@ def test_swing_and_roll_come_back(tmp_path, called):
     assert apart["angular reading y over gravity torque while rolling, from one"] < 0.3
 
 
-def test_drag_and_centre_of_pressure_come_back(tmp_path, called):
+def test_drag_and_centre_of_pressure_come_back(tmp_path):
     """Recovery: a planet whose order two is ten times that of the Earth; one sensor and two."""
     truth = gradient.make_day(tmp_path / "data", 3)
-    said = called("run", "gradient_torque", f"field={tmp_path / 'field.gfc'}")
+    said = run("gradient_torque", tmp_path / "data", field=str(tmp_path / "field.gfc"))[0]
     checked(said)
     for method in ("one_sensor", "two_sensor"):
         series = read(store.find(said["drag"][method]["series"]))
@@ -126,31 +113,31 @@ def test_drag_and_centre_of_pressure_come_back(tmp_path, called):
     within(centre["value"], centre["sigma"], truth["centre_of_pressure_m"])
 
 
-def test_multipath_of_one_satellite_is_named(tmp_path, called):
+def test_multipath_of_one_satellite_is_named(tmp_path):
     """Recovery: with size and period."""
     hidden = {"value": 1e-6, "satellite": "C", "axis": 2, "period": 0.02, "phase": 0.7}
     ranging.make_campaign(tmp_path / "data", 1, {"multipath": hidden})
-    cause, found = only(called("discover", "kbr_phase_centre"))
+    cause, found = only(run("kbr_phase_centre", tmp_path / "data", discovery=True)[0])
     assert cause == "ranging.multipath"
     assert found["period"]["value"] == pytest.approx(0.02, rel=0.01)
     size = np.hypot(found["yaw_a"]["value"], found["cosine_yaw_a"]["value"])
     assert size == pytest.approx(1e-6, abs=4 * found["yaw_a"]["sigma"])
 
 
-def test_a_turned_star_tracker_is_named(tmp_path, called):
+def test_a_turned_star_tracker_is_named(tmp_path):
     """Recovery: with its angles."""
     angles = [0.05, -0.02, 0.05]
     taiji.make_event(tmp_path / "data", 3, {"tracker_misalignment": angles}, roll_s=0.0)
-    cause, found = only(called("discover", "inertial_sensor"))
+    cause, found = only(run("inertial_sensor", tmp_path / "data", discovery=True)[0])
     assert cause == "inertial_sensor.tracker_misalignment"
     for axis, angle in zip("xyz", angles, strict=True):
         within(found[f"angle_{axis}"]["value"], found[f"angle_{axis}"]["sigma"], angle)
 
 
-def test_a_residual_dipole_is_named(tmp_path, called):
+def test_a_residual_dipole_is_named(tmp_path):
     """Recovery: with its size; five revolutions, in fewer it passes for noise of the torque."""
     gradient.make_day(tmp_path / "data", 3, {"residual_dipole": [1.0, 0.0, 1.0]}, duration_s=30000.0)
-    said = called("discover", "gradient_torque", f"field={tmp_path / 'field.gfc'}")
+    said = run("gradient_torque", tmp_path / "data", discovery=True, field=str(tmp_path / "field.gfc"))[0]
     (found,) = [one for one in said["findings"] if one["cause"] == "torque.residual_dipole"]
     assert not found["tied_with"]
     for axis, size in zip("xyz", (1.0, 0.0, 1.0), strict=True):

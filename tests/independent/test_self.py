@@ -12,9 +12,9 @@ from scipy.spatial.transform import Rotation
 
 from . import attitude, earth, make_event, noise, orbit, plan, sensors
 from .clocks import Clocks
+from .conftest import EXACT, SHORT, table
 from .event import World
 from .field import field_earth
-from .rows import EXACT, SHORT, table
 from .settings import Settings
 
 

@@ -156,32 +156,23 @@ def test_without_gradient_the_printed_equation_is_left():
     assert 1e-4 < np.linalg.norm(frames.attitude_error(complete[-1], published[-1])) < 1e-1
 
 
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        ({"edges": np.array([0.0, 0.0])}, "strictly increasing"),
-        ({"dipole_b": np.zeros((3, 3))}, "dipole_b"),
-        ({"field_i": np.full((11, 3), np.nan)}, "not finite"),
-        ({"field_time": np.arange(11.0)}, "cover"),
-        ({"extra_time": np.array([1.0, 0.0]), "extra_b": np.zeros((2, 3))}, "sorted"),
-    ],
-)
-def test_wrong_torques_are_refused(change, message):
-    """Contract: shape, order, coverage and NaN raise an error that names the array."""
-    state = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
-    with pytest.raises(GravcalError, match=message):
-        dynamics.integrate(np.array([50.0]), state, replace(quiet(np.eye(3)), **change))
+REST = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
 
 
 @pytest.mark.parametrize(
-    ("state", "at", "message"),
+    ("torque", "state", "at", "message"),
     [
-        (dynamics.State(0.0, np.array([1.0, 1, 0, 0]), np.zeros(3)), [1.0], "norm"),
-        (dynamics.State(5.0, np.array([1.0, 0, 0, 0]), np.zeros(3)), [1.0], "before the state"),
-        (dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3)), [2.0, 1.0], "sorted"),
+        ({"edges": np.array([0.0, 0.0])}, {}, [50.0], "strictly increasing"),
+        ({"dipole_b": np.zeros((3, 3))}, {}, [50.0], "dipole_b"),
+        ({"field_i": np.full((11, 3), np.nan)}, {}, [50.0], "not finite"),
+        ({"field_time": np.arange(11.0)}, {}, [50.0], "cover"),
+        ({"extra_time": np.array([1.0, 0.0]), "extra_b": np.zeros((2, 3))}, {}, [50.0], "sorted"),
+        ({}, {"quaternion": np.array([1.0, 1, 0, 0])}, [1.0], "norm"),
+        ({}, {"time": 5.0}, [1.0], "before the state"),
+        ({}, {}, [2.0, 1.0], "sorted"),
     ],
 )
-def test_wrong_states_and_epochs_are_refused(state, at, message):
-    """Contract: a quaternion that is no attitude and epochs that cannot be reached raise an error."""
+def test_wrong_torques_states_and_epochs_are_refused(torque, state, at, message):
+    """Contract: shape, order, coverage and NaN raise an error that names the array; so does what is no attitude."""
     with pytest.raises(GravcalError, match=message):
-        dynamics.integrate(np.array(at), state, quiet(np.eye(3)))
+        dynamics.integrate(np.array(at), replace(REST, **state), replace(quiet(np.eye(3)), **torque))

@@ -14,7 +14,10 @@ DAY_2023 = 738849600.0  # 2023-06-01 00:00:00 GPS
 
 
 def test_the_rotation_equals_the_complete_series_at_each_epoch():
-    """Analytic: erfa.c2t06a without grid, with the same UT1 and pole; its pole lacks dX, dY of 0.3 mas."""
+    """Analytic: erfa.c2t06a with the same UT1 and pole, without its dX, dY of 0.3 mas; alone and through the spline.
+
+    1e-12 rad is 7 um on the orbit; epochs outside the table are an error that names it.
+    """
     time = DAY_2023 + np.linspace(0, 86400, 7)
     xp, yp, ut1_minus_tai, dx, dy = earth.orientation_parameters(time)
     tt = 2451545.0, (time + 51.184) / 86400
@@ -24,25 +27,15 @@ def test_the_rotation_equals_the_complete_series_at_each_epoch():
     assert_allclose(ours, erfa.c2t06a(*tt, *ut1, xp, yp), atol=3e-9)
     assert np.abs([dx, dy]).max() < 1e-3 * ARCSECOND
     assert_allclose(rotation @ np.swapaxes(rotation, -1, -2), np.tile(np.eye(3), (107, 1, 1)), atol=1e-14)
-
-
-def test_the_grid_of_the_pole_loses_nothing():
-    """Analytic: the same epochs through the spline and one by one; 1e-12 rad is 7 um on the orbit."""
     time = DAY_2023 + np.linspace(0, 86400, 200)
     alone = np.concatenate([earth.R_ei(time[k : k + 1]) for k in (0, 57, 199)])
     assert_allclose(earth.R_ei(time)[[0, 57, 199]], alone, atol=1e-12)
-
-
-def test_velocity_is_the_slope_of_position():
-    """Analytic: a point fixed on the Earth, differences over 2 s; 1e-7 m/s."""
-    place = np.array([4.0e6, 3.0e6, 4.2e6])
-    time = DAY_2023 + 43200 + np.array([-1.0, 0.0, 1.0])
-    position, velocity = earth.state_to_inertial(time, np.tile(place, (3, 1)), np.zeros((3, 3)))
-    assert_allclose(velocity[1], (position[2] - position[0]) / 2, atol=1e-6)  # h^2 w^3 r / 6 = 3e-7 m/s
+    with pytest.raises(GravcalError, match="astropy-iers-data"):
+        earth.R_ei(np.array([3e9]))
 
 
 def test_states_return():
-    """Analytic: round trip; 1e-8 m and 1e-11 m/s are rounding."""
+    """Analytic: round trip, 1e-8 m and 1e-11 m/s are rounding; velocity of a place on the Earth by differences."""
     rng = np.random.default_rng(2)
     time, position, velocity = (
         DAY_2023 + np.arange(5) * 1e3,
@@ -52,12 +45,9 @@ def test_states_return():
     back = earth.state_to_fixed(time, *earth.state_to_inertial(time, position, velocity))
     assert_allclose(back[0], position, atol=1e-7)
     assert_allclose(back[1], velocity, atol=1e-10)
-
-
-def test_epochs_outside_the_table_are_refused():
-    """Contract: an error that names the table."""
-    with pytest.raises(GravcalError, match="astropy-iers-data"):
-        earth.R_ei(np.array([3e9]))
+    place, time = np.tile([4.0e6, 3.0e6, 4.2e6], (3, 1)), DAY_2023 + 43200 + np.array([-1.0, 0.0, 1.0])
+    position, velocity = earth.state_to_inertial(time, place, np.zeros((3, 3)))
+    assert_allclose(velocity[1], (position[2] - position[0]) / 2, atol=1e-6)  # h^2 w^3 r / 6 = 3e-7 m/s
 
 
 @pytest.mark.parametrize(

@@ -125,6 +125,9 @@ def test_parts_by_degree_add_up_and_degree_one_is_empty():
     assert_allclose(sum(parts), gravity.gradient_e(field, position), rtol=0, atol=1e-20)
     assert np.all(parts[1] == 0)
     assert np.all(gravity.gradient_e(gravity.zonal(field, 1), position) == 0)
+    zonals = [gravity.gradient_e(gravity.zonal(field, n), position) for n in range(21)]
+    whole = gravity.Field(field.gm, field.radius, field.cosine * (np.arange(21) == 0), 0 * field.sine)
+    assert_allclose(sum(zonals), gravity.gradient_e(whole, position), rtol=0, atol=1e-20)
 
 
 def test_field_errors_scatter_as_their_covariance_says():
@@ -133,7 +136,6 @@ def test_field_errors_scatter_as_their_covariance_says():
     n, m = np.arange(31)[:, None], np.arange(31)[None, :]
     sigma = np.where((m <= n) & (n >= 2), 1e-9 / np.maximum(n, 1), 0.0)
     field = gravity.Field(GM, R, sigma, sigma, sigma, np.where(m > 0, sigma, 0.0))
-    position = np.array([6.87e6, 0.0, 0.0]) + 0 * rng.standard_normal((1, 3))
     place = rng.standard_normal((40, 3))
     position = 6.87e6 * place / np.linalg.norm(place, axis=1)[:, None]
     up = position / 6.87e6
@@ -153,15 +155,10 @@ def test_field_errors_scatter_as_their_covariance_says():
     assert_allclose(np.mean((drawn[:, 1, 1] - drawn[:, 2, 2]) ** 2) / 4, tt, rtol=0.1)
 
 
-def test_positions_in_kilometres_are_refused():
-    """Contract: the most likely mistake is named."""
+def test_positions_in_kilometres_and_too_high_a_degree_are_refused():
+    """Contract: the most likely mistake is named; beyond LIMIT the recursion would overflow."""
     with pytest.raises(GravcalError, match="positions in metres"):
         gravity.gradient_e(random_field(3), [6870.0, 0, 0])
-
-
-def test_too_high_a_degree_is_refused():
-    """Contract: beyond LIMIT the recursion would overflow."""
-    size = gravity.LIMIT + 2
-    field = gravity.Field(GM, R, np.zeros((size, size)), np.zeros((size, size)))
+    zeros = np.zeros((gravity.LIMIT + 2, gravity.LIMIT + 2))
     with pytest.raises(GravcalError, match="truncated"):
-        gravity.gradient_e(field, [6.87e6, 0, 0])
+        gravity.gradient_e(gravity.Field(GM, R, zeros, zeros), [6.87e6, 0, 0])

@@ -9,7 +9,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from gravcal.errors import GravcalError
-from gravcal.physics import earth, frames, magnetic
+from gravcal.physics import earth, magnetic
 
 ORIGIN = datetime(2000, 1, 1, 12)
 
@@ -92,17 +92,6 @@ def test_the_field_is_the_slope_of_the_potential_even_at_the_poles(place):
     assert_allclose(magnetic.field_e(time, position[None], 13)[0] * 1e9, expected, atol=0.02)
 
 
-def test_each_point_has_its_own_epoch():
-    """Analytic: epochs on both sides of a model epoch, mixed, equal one call per point."""
-    rng = np.random.default_rng(8)
-    time = gps_seconds(2020, 1, 1) + rng.uniform(-1e8, 1e8, 300)
-    position = rng.normal(size=(300, 3))
-    position *= 6.9e6 / np.linalg.norm(position, axis=1)[:, None]
-    together = magnetic.field_e(time, position, 14)
-    alone = np.concatenate([magnetic.field_e(t, p[None], 14) for t, p in zip(time, position, strict=True)])
-    assert_allclose(together, alone, rtol=0, atol=1e-19)
-
-
 def test_the_coefficients_are_the_published_ones():
     """Published: SHA-256 of the files, and g10 of 2020: IGRF-13 -29404.8, IGRF-14 -29403.41 nT."""
     assert magnetic.coefficient_digest(13) == "357536152bb6f72ced3eb886def84f91a592512465c367ca5ab7bda4c36c3522"
@@ -149,20 +138,3 @@ def test_swarm_sees_the_model_and_the_ring_current_of_a_storm():
     assert_allclose(residual.mean(axis=0), [-150.1, 0.6, 32.1], atol=0.3)  # nT
     assert np.all(residual.std(axis=0) < [13, 2.1, 18])
     assert abs(np.mean(total - np.linalg.norm(local, axis=1))) < 17
-
-
-@pytest.mark.measured
-@pytest.mark.parametrize(
-    ("satellite", "expected", "magnetometer"),
-    [("C", (12849, 7110, -32103), (12328, 7118, -31842)), ("D", (-13913, -6919, -30971), (-12779, -6760, -31384))],
-)
-def test_gracefo_field_in_the_satellite_frame(satellite, expected, magnetometer):
-    """Published: data/README.md, 2023-06-01 00:00:00 GPS, IGRF and MAG1B in SRF, nT."""
-    name = f"_2023-06-01_{satellite}_04.txt"
-    orbit = physics_references.level1("GNV1B" + name, [0, 3, 4, 5])[:1]
-    attitude = physics_references.level1("SCA1B" + name, [0, 3, 4, 5, 6])[:1]
-    reading = physics_references.level1("MAG1B" + name, [4, 5, 6])[0] * 1e3
-    field_i = np.matvec(np.swapaxes(earth.R_ei(orbit[:, 0]), -1, -2), magnetic.field_e(orbit[:, 0], orbit[:, 1:], 14))
-    field_b = np.matvec(frames.R_bi_from_quaternion(attitude[:, 1:]), field_i)[0] * 1e9
-    assert_allclose(field_b, expected, atol=0.6)  # nT, printed digits (they are of generation 14)
-    assert_allclose(reading, magnetometer, atol=1)

@@ -30,14 +30,6 @@ def test_the_tensor_has_the_printed_elements():
     assert_allclose(sensing.published_offset_matrix(w, wd), A, atol=1e-15)
 
 
-def test_a_nadir_pointing_satellite_feels_three_n_squared_above_itself():
-    """Analytic: circular orbit, proof mass p above the CoM: f = -3 n^2 p upward; ahead of it 0; to the side +n^2 p."""
-    n, p = 1.1e-3, 1.0
-    gradient = n**2 * np.diag([-1.0, -1.0, 2.0])  # x ahead, z up or down, y across
-    tensor = sensing.offset_tensor([0, n, 0], np.zeros(3), gradient)
-    assert_allclose(tensor, n**2 * p * np.diag([0, 1, -3]), atol=1e-20)
-
-
 def reading_from_trajectories(offset, t):
     """Force per mass that keeps a proof mass on its path: second difference of r_p minus gravity, turned into b.
 

@@ -14,7 +14,6 @@ from gravcal.errors import CatalogError
 
 EVENT = "grace-c-2020-02-01"
 ROOT = Path(__file__).parents[2]
-OFFSET = "10.3390/rs14164030"
 
 
 def _one(calibration, section, **labels):
@@ -24,51 +23,40 @@ def _one(calibration, section, **labels):
     return record
 
 
-@pytest.mark.parametrize(
-    ("section", "labels", "value", "sigma"),
-    [
-        ("combined", {"variant": "acc_calibrated"}, (113.5, 4.2, 13.2), (0.5, 0.2, 0.06)),
-        ("combined", {"variant": "sca"}, (91.6, 2.6, 10.4), (1.7, 0.6, 0.2)),
-        ("manoeuvres", {"order": "2", "variant": "mtq"}, (109.5, None, 22.9), (1.8, None, 1.8)),
-        ("manoeuvres", {"order": "5", "variant": "sca"}, (None, 2.0, 10.3), (None, 0.6, 0.2)),
-        ("history", {"date": "2022-02-20"}, (-22.5, -33.4, 5.9), (2.5, 0.3, 0.1)),
-        ("first", {"satellite": "grace-d"}, (-56.7, -272.8, 7.7), (2.5, 2.2, 2.5)),
-    ],
-)
-def test_printed_offsets_are_in_the_catalogue(section, labels, value, sigma):
-    """Published: 10.3390/rs14164030, Tables 6, 7, 9 and 8."""
-    record = _one("com_offset", section, **labels)
+OFFSET, ANTENNA, SENSOR = "com_offset", "kbr_phase_centre", "inertial_sensor"
+Z_OF_D = {"satellite": "grace-d", "component": "z", "observable": "range_acceleration"}
+PRINTED = [
+    (OFFSET, "combined", {"variant": "acc_calibrated"}, (113.5, 4.2, 13.2), (0.5, 0.2, 0.06)),
+    (OFFSET, "combined", {"variant": "sca"}, (91.6, 2.6, 10.4), (1.7, 0.6, 0.2)),
+    (OFFSET, "manoeuvres", {"order": "2", "variant": "mtq"}, (109.5, None, 22.9), (1.8, None, 1.8)),
+    (OFFSET, "manoeuvres", {"order": "5", "variant": "sca"}, (None, 2.0, 10.3), (None, 0.6, 0.2)),
+    (OFFSET, "history", {"date": "2022-02-20"}, (-22.5, -33.4, 5.9), (2.5, 0.3, 0.1)),
+    (OFFSET, "first", {"satellite": "grace-d"}, (-56.7, -272.8, 7.7), (2.5, 2.2, 2.5)),
+    (ANTENNA, "robust", Z_OF_D, (1.3931,), (0.0716,)),
+    (ANTENNA, "vkb1b", {"solution": "soe", "satellite": "grace-b"}, (1444.4, 576.1, 3304.1), ()),
+    (SENSOR, "scale_factors", {"factor": "k_z"}, (1.58e-4, 1.45e-4, 1.14e-4), (2.67e-7,)),
+]
+
+
+@pytest.mark.parametrize(("calibration", "section", "labels", "value", "sigma"), PRINTED)
+def test_printed_values_are_in_the_catalogue(calibration, section, labels, value, sigma):
+    """Published: 10.3390/rs14164030, Tables 6 to 9; 10.3390/rs14143395, Tables 6 and 8; 10.3390/rs15153817, Table 4."""
+    record = _one(calibration, section, **labels)
     assert (record.value, record.sigma) == (value, sigma)
-    assert record.direction == "proof_mass_to_com"
-    assert record.unit == "um"
-    assert record.source.startswith(OFFSET)
-
-
-def test_printed_antenna_vectors_and_sensor_factors_are_in_the_catalogue():
-    """Published: 10.3390/rs14143395, Tables 6 and 8; 10.3390/rs15153817, Tables 4 and 5."""
-    robust = _one("kbr_phase_centre", "robust", satellite="grace-d", component="z", observable="range_acceleration")
-    assert (robust.value, robust.sigma, robust.unit) == ((1.3931,), (0.0716,), "mm")
-    assert _one("kbr_phase_centre", "vkb1b", solution="soe", satellite="grace-b").value == (1444.4, 576.1, 3304.1)
-    factor = _one("inertial_sensor", "scale_factors", factor="k_z")
-    assert (factor.value, factor.sigma) == ((1.58e-4, 1.45e-4, 1.14e-4), (2.67e-7,))
-    assert _one("inertial_sensor", "com_offset", component="z").value == (-896.46,)
-
-
-def test_the_last_accelerometer_row_of_the_history_is_the_combined_one():
-    """Published: Table 6, row ACC, equals Table 9, row 2020-02-01."""
-    history = _one("com_offset", "history", date="2020-02-01")
-    combined = _one("com_offset", "combined", variant="acc")
-    assert history.value == combined.value
+    if calibration == OFFSET:
+        assert (record.direction, record.unit) == ("proof_mass_to_com", "um")
+        assert record.source.startswith("10.3390/rs14164030")
 
 
 @pytest.mark.parametrize("variant", ["mtq", "acc_calibrated", "acc", "sca"])
 def test_the_combined_offsets_follow_from_the_manoeuvres(variant):
-    """Published: weights 1/sigma^2 over high-latitude pitch (x) and roll (y, z) give Table 6, erratum C-9.
+    """Published: weights 1/sigma^2 over high-latitude pitch (x) and roll (y, z) give Table 6, C-9, to 0.1 um rounding.
 
-    Input rounding 0.05 um and rounded sigmas move the mean by less than 0.1 um.
+    Row ACC of Table 6 equals row 2020-02-01 of Table 9.
     """
     rows = [r for r in catalog.published("com_offset", EVENT)["manoeuvres"] if r.variant == variant]
     combined = _one("com_offset", "combined", variant=variant)
+    assert variant != "acc" or _one("com_offset", "history", date="2020-02-01").value == combined.value
     for axis, kind in ((0, "pitch"), (1, "roll"), (2, "roll")):
         used = [r for r in rows if r.kind == kind and r.latitude_class == "high"]
         assert len(used) == 2
@@ -99,20 +87,15 @@ def test_days_since_launch_of_the_history_count_from_the_launch_in_the_catalogue
 
 
 def test_an_event_gets_its_own_values_only():
-    """Contract: a report shows what was printed for its event."""
+    """Contract: a report shows what was printed for its event; nothing refers to an event that is not there."""
     sections = catalog.published("com_offset", "grace-c-2018-07-29")
     assert sorted(sections) == ["history"]
     assert catalog.published("com_offset", "grace-d-2018-06-06")["first"][0].satellite == "grace-d"
     with pytest.raises(CatalogError, match="'com_ofset'.*Nearest: com_offset"):
         catalog.published("com_ofset")
-
-
-def test_events_of_published_values_are_in_the_catalogue():
-    """Contract: nothing refers to an event that is not there."""
-    for calibration in ("com_offset", "kbr_phase_centre", "inertial_sensor", "gradient_torque"):
-        for records in catalog.published(calibration).values():
-            for record in records:
-                assert all(catalog.event(name).calibration == calibration for name in record.events)
+    for calibration in (OFFSET, ANTENNA, SENSOR, "gradient_torque"):
+        for record in (one for records in catalog.published(calibration).values() for one in records):
+            assert all(catalog.event(name).calibration == calibration for name in record.events)
 
 
 def test_rounding_is_half_the_last_printed_digit():

@@ -14,9 +14,27 @@ pytestmark = [
     pytest.mark.measured,
     pytest.mark.skipif(not (SHARED / "reference").is_dir(), reason="no ../shared/reference beside the project"),
 ]
-VARIANTS = {"MTQ": "mtq", "ACC_calibrated": "acc_calibrated", "ACC": "acc", "SCA": "sca"}
-OFFSET = ("dx_um", "dy_um", "dz_um")
-SIGMA = ("dx_sigma_um", "dy_sigma_um", "dz_sigma_um")
+OFFSET = ("dx_um", "dy_um", "dz_um"), ("dx_sigma_um", "dy_sigma_um", "dz_sigma_um")
+PER_MILLIMETRE = ["value_mm"], ["formal_error_mm"]
+VOLTAGES = ["coef_V_x1", "coef_V_x2", "coef_V_x3", "coef_V_y", "coef_V_z1", "coef_V_z2"]
+FACTORS = ["nominal", "ground_calibrated", "orbit_calibrated"]
+BY_ORDER = {"order": "row_order", "kind": "axis", "latitude_class": "latitude_class"}
+BY_NAME = {"satellite": "satellite", "component": "parameter", "observable": "observable"}
+#: Calibration, section, reference table, columns of value and sigma, columns of labels.
+TABLES = [
+    ("com_offset", "combined", "com_2020-02-01_combined.csv", *OFFSET, {"variant": "angular_acceleration"}),
+    ("com_offset", "manoeuvres", "com_2020-02-01_per_maneuver.csv", *OFFSET, BY_ORDER),
+    ("com_offset", "history", "com_history_grace_c.csv", *OFFSET, {"date": "date"}),
+    ("com_offset", "first", "com_history_grace_c.csv", *OFFSET, {}),
+    ("kbr_phase_centre", "ls", "kbr_ls.csv", *PER_MILLIMETRE, BY_NAME),
+    ("kbr_phase_centre", "subsets", "kbr_ls_subsets.csv", *PER_MILLIMETRE, BY_NAME),
+    ("kbr_phase_centre", "robust", "kbr_m_estimation.csv", *PER_MILLIMETRE, BY_NAME),
+    ("kbr_phase_centre", "vkb1b", "kbr_vkb1b.csv", ["x_apc_mm", "y_apc_um", "z_apc_um"], (), {}),
+    ("inertial_sensor", "actuation", "taiji_actuation.csv", VOLTAGES, (), {}),
+    ("inertial_sensor", "scale_factors", "taiji_scale_factors.csv", FACTORS, ["orbit_error"], {}),
+    ("inertial_sensor", "com_offset", "taiji_com_offset.csv", ["value_um"], ["error_um"], {}),
+    ("inertial_sensor", "bias", "taiji_bias.csv", ["value_m_per_s2"], ["error_m_per_s2"], {}),
+]
 
 
 def _rows(name):
@@ -29,73 +47,31 @@ def _floats(row, columns):
     return tuple(float(row[key]) if row[key] else None for key in columns)
 
 
-def _check(records, rows, value, sigma=()):
-    """All numbers agree, in order."""
-    for record, row in zip(records, rows, strict=True):
-        assert record.value == _floats(row, value)
-        assert record.sigma == _floats(row, sigma)
+@pytest.mark.parametrize(("calibration", "section", "name", "value", "sigma", "labels"), TABLES)
+def test_all_numbers_are_as_in_the_reference_tables(calibration, section, name, value, sigma, labels):
+    """Published: 10.3390/rs14164030, Tables 6 to 9; 10.3390/rs14143395, 4 to 8; 10.3390/rs15153817, 3 to 6."""
+    part = {"history": "9", "first": "8"}.get(section)
+    rows = [row for row in _rows(name) if part is None or row["table"] == part]
+    for record, row in zip(catalog.published(calibration)[section], rows, strict=True):
+        assert (record.value, record.sigma) == (_floats(row, value), _floats(row, sigma))
+        for label, column in labels.items():
+            assert record.labels[label].lower() == row[column].lower()
+        if section == "history":
+            assert record.events == (f"grace-c-{row['date']}",)
 
 
-def test_all_offsets_are_as_in_the_reference_tables():
-    """Published: 10.3390/rs14164030, Tables 6 to 9, every number."""
-    sections = catalog.published("com_offset")
-    combined, manoeuvres = _rows("com_2020-02-01_combined.csv"), _rows("com_2020-02-01_per_maneuver.csv")
-    _check(sections["combined"], combined, OFFSET, SIGMA)
-    assert [r.variant for r in sections["combined"]] == [VARIANTS[row["angular_acceleration"]] for row in combined]
-    _check(sections["manoeuvres"], manoeuvres, OFFSET, SIGMA)
-    for record, row in zip(sections["manoeuvres"], manoeuvres, strict=True):
-        assert (record.order, record.kind, record.latitude_class) == tuple(
-            row[key] for key in ("row_order", "axis", "latitude_class")
-        )
-    history = _rows("com_history_grace_c.csv")
-    _check(sections["history"], [row for row in history if row["table"] == "9"], OFFSET, SIGMA)
-    _check(sections["first"], [row for row in history if row["table"] == "8"], OFFSET, SIGMA)
-    for record, row in zip(sections["history"], history, strict=False):
-        assert record.events == (f"grace-c-{row['date']}",)
+def test_geometry_of_the_sensor_is_as_in_the_reference_table():
+    """Published: 10.3390/rs15153817, Table 1."""
+    taiji, rows = catalog.satellite("T"), _rows("taiji_geometry.csv")
+    columns = {"electrode_arm": "l_m", "test_mass_inertia": "J_kg_m2", "electrode_gap": "D_m", "electrode_area": "S_m2"}
+    for quantity, column in columns.items():
+        assert getattr(taiji, quantity).value.tolist() == [float(row[column]) for row in rows]
 
 
 def test_all_trims_are_as_in_the_reference_table():
     """Published: 10.3390/rs14164030, Table 4."""
     found = [(str(t.date), t.axis.upper(), t.trim_um) for t in catalog.trims()]
     assert found == [(row["date"], row["axis"], float(row["trim_um"])) for row in _rows("com_trim_events.csv")]
-
-
-@pytest.mark.parametrize(
-    ("section", "name"), [("ls", "kbr_ls.csv"), ("subsets", "kbr_ls_subsets.csv"), ("robust", "kbr_m_estimation.csv")]
-)
-def test_all_antenna_solutions_are_as_in_the_reference_tables(section, name):
-    """Published: 10.3390/rs14143395, Tables 4, 5, 6, every number."""
-    records, rows = catalog.published("kbr_phase_centre")[section], _rows(name)
-    _check(records, rows, ["value_mm"], ["formal_error_mm"])
-    for record, row in zip(records, rows, strict=True):
-        assert record.satellite == row["satellite"].lower()
-        assert record.component == row["parameter"].lower()
-        assert record.observable == row["observable"]
-
-
-def test_all_antenna_files_are_as_in_the_reference_tables():
-    """Published: 10.3390/rs14143395, Tables 7 and 8."""
-    records = catalog.published("kbr_phase_centre")["vkb1b"]
-    _check(records, _rows("kbr_vkb1b.csv"), ["x_apc_mm", "y_apc_um", "z_apc_um"])
-
-
-def test_all_sensor_tables_are_as_in_the_reference_tables():
-    """Published: 10.3390/rs15153817, Tables 3 to 6 and 1."""
-    sections = catalog.published("inertial_sensor")
-    voltages = ["coef_V_x1", "coef_V_x2", "coef_V_x3", "coef_V_y", "coef_V_z1", "coef_V_z2"]
-    _check(sections["actuation"], _rows("taiji_actuation.csv"), voltages)
-    factors = ["nominal", "ground_calibrated", "orbit_calibrated"]
-    _check(sections["scale_factors"], _rows("taiji_scale_factors.csv"), factors, ["orbit_error"])
-    _check(sections["com_offset"], _rows("taiji_com_offset.csv"), ["value_um"], ["error_um"])
-    _check(sections["bias"], _rows("taiji_bias.csv"), ["value_m_per_s2"], ["error_m_per_s2"])
-    taiji, rows = catalog.satellite("T"), _rows("taiji_geometry.csv")
-    for quantity, column in (
-        (taiji.electrode_arm, "l_m"),
-        (taiji.test_mass_inertia, "J_kg_m2"),
-        (taiji.electrode_gap, "D_m"),
-        (taiji.electrode_area, "S_m2"),
-    ):
-        assert quantity.value.tolist() == [float(row[column]) for row in rows]
 
 
 @pytest.mark.parametrize(

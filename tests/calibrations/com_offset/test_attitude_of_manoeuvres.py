@@ -1,4 +1,4 @@
-"""Attitude, edge times and angular accelerations of single manoeuvres against the simulated truth."""
+"""Square waves in sampled currents; attitude, edge times and angular accelerations of single manoeuvres."""
 
 from dataclasses import replace
 
@@ -6,11 +6,12 @@ import com_offset_chain as tools
 import numpy as np
 import pytest
 import seeds
+import xarray as xr
 from numpy.testing import assert_allclose
 from scipy import stats
 
 from gravcal.calibrations.com_offset import attitude
-from gravcal.calibrations.com_offset.align import OUTLIER
+from gravcal.calibrations.com_offset.align import OUTLIER, detect, find_waves, regular_edges
 from gravcal.estimation.noise import NoiseModel
 from gravcal.estimation.resampling import operator_for
 from gravcal.physics import frames
@@ -59,10 +60,7 @@ def test_the_noise_free_fit_is_exact(window):
 
 @pytest.mark.parametrize("lost", [(), (40, 55), (0, 6), (150, 181)])
 def test_the_fit_returns_the_truth_within_its_covariance(window, lost):
-    """Recovery: 20 draws with sign flips and a gap; chi-square of all unknowns in its 1e-4 interval.
-
-    True scales are drawn from their prior: of a fixed truth the errors would be smaller than the covariance says.
-    """
+    """Recovery: 20 draws with sign flips and a gap, scales of their prior; chi-square of all unknowns, 1e-4."""
     one, fit, white, _ = window
     rng, good, chi2 = seeds.generator("test_the_fit_returns_the_truth_within_its_covariance", 4e-4), one.good.copy(), []
     good[slice(*lost) if lost else slice(0, 0)] = False
@@ -79,27 +77,8 @@ def test_the_fit_returns_the_truth_within_its_covariance(window, lost):
     assert low < sum(chi2) < high
 
 
-def test_the_covariance_is_that_of_the_linearised_problem(window):
-    """Analytic: derivatives of the model by finite steps in rate, torque, scale and shift."""
-    one, fit, _, _ = window
-    names = list(fit.names)
-    for name, step in (("rate_y", 1e-7), ("torque_y", 1e-3), ("shift", 1e-3), ("slow1_z", 1e-7)):
-        group, _, axis = name.partition("_")
-        moved = {"angle": np.zeros(3), "rate": np.zeros(3), "torque": np.zeros(3), "slow": np.zeros(6)}
-        moved["shift"] = np.zeros(1)
-        moved[group.rstrip("1")]["xyz".index(axis or "x") + 3 * group.endswith("1")] = step
-        one_side = attitude.evaluate(one.arc, attitude.updated(fit.solution, moved), one.time, 1.0)[0]
-        middle = attitude.evaluate(one.arc, fit.solution, one.time, 1.0)[0]
-        found = frames.rotation_vector(frames.quaternion_product(frames.conjugate(middle), one_side)) / step
-        column = fit.design[:, :, names.index(name)]
-        assert_allclose(found, column, atol=3e-3 * np.abs(column).max())  # second order of the step
-
-
 def test_published_dynamics_leave_the_gradient_torque_out(window):
-    """Published: eq. 18 as printed leaves up to 1 mrad in 180 s (issue 2, point 5); 0.1 mrad for 0.2 mrad of pitch.
-
-    Start attitude and rate take up most of it in the fit; what is left is far above the full dynamics.
-    """
+    """Published: eq. 18 as printed leaves up to 1 mrad in 180 s (issue 2, point 5); 0.1 mrad for 0.2 mrad of pitch."""
     one, fit, _, _ = window
     without = attitude.evaluate(replace(one.arc, gradient_i=None), fit.solution, one.time, 1.0)[0]
     modelled = attitude.evaluate(one.arc, fit.solution, one.time, 1.0)[0]
@@ -111,25 +90,8 @@ def test_published_dynamics_leave_the_gradient_torque_out(window):
     assert printed["residual_rms"].values.max() > 2e-5
 
 
-@pytest.mark.parametrize(("late_acc", "late_sca"), [(0.3, -0.3), (-0.3, 0.3), (0.8, 0.0)])
-def test_injected_delays_come_back(late_acc, late_sca):
-    """Recovery: both delays within five sigma, their difference too, with sigma below half a telemetry step."""
-    effects = {"timing.accelerometer_delay": {"delay": late_acc}, "timing.star_camera_delay": {"delay": late_sca}}
-    seed = seeds.seed("test_injected_delays_come_back", 1e-5)
-    kinds = ("pitch_high", "roll_high", "yaw_low")
-    made, _ = tools.smoothed(tools.event(seed, effects, manoeuvres=kinds, quiet_s=60.0)[0])
-    found = made["attitude"]
-    acc, sca = float(found["acc_delay"]), float(found["sca_delay"])
-    assert abs(acc - late_acc) < max(5 * float(found["acc_delay_sigma"]), 0.26), f"seed {seed}"
-    assert abs(sca - late_sca) < 5 * float(found["sca_delay_sigma"]) + 0.1, f"seed {seed}"
-    assert float(found["acc_delay_sigma"]) < 0.25
-
-
 def test_isolated_outliers_are_left_out():
-    """Recovery: wild samples of both instruments that no flag marks; they alone are left out, the motion stays.
-
-    Waves and edges of 100 times the noise have none.
-    """
+    """Recovery: wild samples of both instruments that no flag marks; they alone are left out, the motion stays."""
     observed, truth = tools.event(41, **SMALL)
     whole, _ = tools.smoothed(observed)
     assert not any((whole["align"][name] == OUTLIER).any() for name in ("acc_flag", "sca_flag"))
@@ -149,37 +111,8 @@ def test_isolated_outliers_are_left_out():
     assert np.abs(difference).max() < 3e-7  # rad s-1, one attitude of 300 less
 
 
-def test_the_angular_scale_comes_back():
-    """Recovery: an angular accelerometer that reads 3 % more about y and 2 % less about x."""
-    given = {"accelerometer.angular_scale": {"x": -0.02, "y": 0.03}}
-    seed = seeds.seed("test_the_angular_scale_comes_back", 2e-6)
-    observed, _ = tools.event(seed, given, manoeuvres=("pitch_high", "roll_high"), quiet_s=60.0)
-    made, _ = tools.smoothed(observed)
-    kind = made["detect"]["kind"].values.tolist()
-    scale, sigma = (made["attitude"][n].values for n in ("angular_scale", "angular_scale_sigma"))
-    pitch, roll = kind.index(1), kind.index(0)
-    assert abs(scale[pitch, 1] - 1.03) < 5 * sigma[pitch, 1] + 1e-3, f"seed {seed}"
-    assert abs(scale[roll, 0] - 0.98) < 5 * sigma[roll, 0] + 1e-3, f"seed {seed}"
-    assert sigma[pitch, 1] < 0.01
-
-
-def test_a_gap_in_the_star_camera_is_bridged_by_the_dynamics():
-    """Recovery: 30 s of the manoeuvre without attitude; the motion still is that of the whole record."""
-    observed, _ = tools.event(34, **SMALL)
-    whole, _ = tools.smoothed(observed)
-    sca = observed["SCA1B"]
-    start = float(whole["detect"]["start"][0])
-    kept = (sca["time_tag"] < start + 60) | (sca["time_tag"] > start + 90)
-    cut, _ = tools.smoothed(observed | {"SCA1B": sca.isel(record=kept.values)})
-    difference = cut["attitude"]["rate_b"].values - whole["attitude"]["rate_b"].values
-    assert np.abs(difference).max() < 2e-6  # rad s-1, what 30 of 180 samples add to the error
-
-
 def test_momentary_readings_place_edges_that_change_sides():
-    """Recovery: tags of 0.09998 s, so that edges fall after a sample first and before it later; residuals are noise.
-
-    A smooth wave is 0.05 s off at every edge there, which is 40 times the noise.
-    """
+    """Recovery: tags of 0.09998 s, so that edges fall after a sample first and before it later; residuals are noise."""
     edges, dipole = 100.033 + 6.0 * np.arange(31), np.zeros((30, 3))
     dipole[:, 1] = 27.5 * (-1.0) ** np.arange(30)
     arc = attitude.Arc(100.0, 281.0, edges, dipole, np.zeros(0), np.zeros((0, 3)), None, np.diag([110.0, 580.0, 650.0]))
@@ -202,10 +135,7 @@ def test_momentary_readings_place_edges_that_change_sides():
 
 
 def test_delays_from_brackets_cover_the_truth():
-    """Recovery: 200 events of seven edges at uniform fractions; standardised errors have unit size.
-
-    With a flat prior the posterior is exact: rms within 4.5 standard errors of one.
-    """
+    """Recovery: 200 events of seven edges, rms of a flat prior's exact posterior; one edge alone says half a step."""
     rng, found = seeds.generator("test_delays_from_brackets_cover_the_truth", 2e-5), []
     for _ in range(200):
         edge, delay, sigma = rng.uniform(0, 0.5, 7), rng.uniform(-0.4, 0.4), 0.03
@@ -216,10 +146,183 @@ def test_delays_from_brackets_cover_the_truth():
     kurtosis = stats.kurtosis(found, fisher=False)
     assert np.mean(np.square(found)) == pytest.approx(1.0, abs=4.5 * np.sqrt((kurtosis - 1) / 200))
     assert abs(np.mean(found)) < 4.5 / np.sqrt(200)
-
-
-def test_one_bracket_alone_says_half_a_step():
-    """Analytic: uniform over the bracket, mean in its middle, width over the square root of twelve."""
     value, sigma = attitude.delay_from_brackets(np.array([0.3]), np.array([1e-3]), np.array([-0.25]), np.array([0.25]))
-    assert value == pytest.approx(0.3, abs=1e-3)
-    assert sigma == pytest.approx(0.5 / np.sqrt(12), rel=0.01)
+    assert (value, sigma) == (pytest.approx(0.3, abs=1e-3), pytest.approx(0.5 / np.sqrt(12), rel=0.01))
+
+
+STEP_MA = 0.0537369  # of the telemetry
+SETTINGS = {
+    "period_s": 12.0,
+    "period_tolerance_s": 0.6,
+    "minimum_half_periods": 10,
+    "current_threshold_ma": 20.0,
+}
+START, HALF_PERIODS = 200.0, 30
+
+
+def edges_of(start):
+    """True edges (31,) s."""
+    return start + 6.0 * np.arange(HALF_PERIODS + 1)
+
+
+def square(time, start, count=HALF_PERIODS, amplitude=110.0, polarity=1):
+    """Current (n,) mA of a wave of half periods of 6 s."""
+    phase = np.floor((time - start) / 6.0)
+    inside = (time >= start) & (time < start + 6 * count)
+    return np.where(inside, polarity * amplitude * np.where(phase % 2 == 0, 1, -1), 0.0)
+
+
+def record(start, length=600.0, rng=None, **wave):
+    """Telemetry times and currents (n,), with control noise of 2 mA outside and dither inside if rng is given."""
+    time = 0.083329 + np.arange(0, length, 0.5)
+    current = square(time, start, **wave)
+    if rng is not None:
+        current = current + np.where(current == 0, 2.0, 0.1) * rng.standard_normal(time.size)
+    return time, np.round(current / STEP_MA) * STEP_MA
+
+
+def brackets(wave, true):
+    """Whether each true edge lies between the samples that bracket it."""
+    return (wave.lower <= true + 1e-9) & (true <= wave.upper + 1e-9)
+
+
+@pytest.mark.parametrize("polarity", [1, -1])
+@pytest.mark.parametrize("amplitude", [25.0, 60.0, 110.05])
+def test_waves_are_found_at_any_fraction_and_every_edge_is_bracketed(amplitude, polarity):
+    """Recovery: 25 random fractions; one wave each, edges and common start within half a second, levels as flown."""
+    rng = seeds.generator("test_waves_are_found_at_any_fraction_and_every_edge_is_bracketed", 0)
+    for start in START + rng.uniform(0, 1, 25):
+        time, current = record(start, rng=rng, amplitude=amplitude, polarity=polarity)
+        (wave,) = find_waves(time, current, 1, SETTINGS)
+        assert wave.level.size == HALF_PERIODS
+        assert brackets(wave, edges_of(start)).all()
+        assert np.all(wave.upper - wave.lower < 0.5 + 1e-6)
+        assert np.allclose(np.abs(wave.level), amplitude, atol=0.5)
+        assert np.sign(wave.level[0]) == polarity
+        assert wave.rod == 1
+        lower, upper = regular_edges(wave, 12.0)
+        assert lower - 1e-9 <= start <= upper + 1e-9
+        assert upper - lower <= 0.5 + 1e-9
+
+
+@pytest.mark.parametrize("fraction", [0.083329, 0.583329, 0.0833291, 0.0833289])
+def test_an_edge_on_a_sample_is_bracketed(fraction):
+    """Analytic: an edge exactly at a telemetry sample, or a hair beside it, still lies in its interval."""
+    time, current = record(START + fraction)
+    (wave,) = find_waves(time, current, 0, SETTINGS)
+    assert brackets(wave, edges_of(START + fraction)).all()
+    lower, upper = regular_edges(wave, 12.0)
+    assert lower - 1e-6 <= START + fraction <= upper + 1e-6
+
+
+@pytest.mark.parametrize(("begin", "end"), [(0, 250.3), (271.2, 600), (230.6, 330.1)])
+def test_a_wave_cut_by_the_record_is_found_where_it_is_recorded(begin, end):
+    """Contract: a part of at least ten half periods is found; inner edges are bracketed."""
+    start = START + 0.4
+    time, current = record(start, 600.0) if begin else record(start - 90.0, 600.0)
+    true = edges_of(start) if begin else edges_of(start - 90.0)
+    kept = (time >= begin) & (time <= end)
+    waves = find_waves(time[kept], current[kept], 0, SETTINGS)
+    assert len(waves) == 1
+    inner = (waves[0].lower[1:-1] + waves[0].upper[1:-1]) / 2
+    nearest = np.abs(inner[:, None] - true).min(axis=1)
+    assert nearest.max() <= 0.25 + 1e-6
+    assert waves[0].level.size >= 10
+    assert waves[0].lower[0] >= time[kept][0] - 1.6
+    assert waves[0].upper[-1] <= time[kept][-1] + 1.6
+
+
+def test_missing_telemetry_inside_the_wave_widens_an_edge_and_moves_none():
+    """Contract: one missing sample at an edge; the interval contains the truth, the wave stays one."""
+    start = START + 0.3
+    time, current = record(start)
+    at = np.searchsorted(time, edges_of(start)[7])
+    time, current = np.delete(time, at), np.delete(current, at)
+    (wave,) = find_waves(time, current, 0, SETTINGS)
+    assert brackets(wave, edges_of(start)).all()
+    assert wave.upper[7] - wave.lower[7] == pytest.approx(1.0)
+
+
+def control():
+    """Ten hours of limit-cycle currents, as large as measured."""
+    time, rng = np.arange(0, 36000, 0.5), seeds.generator("test_what_is_no_wave_is_not_found", 0)
+    slow = np.cumsum(rng.standard_normal(time.size)) * 0.05
+    return time, 8.0 * np.sin(2 * np.pi * time / 5670) + 6 * np.sin(slow) + rng.standard_normal(time.size)
+
+
+def of_period(period):
+    """A square wave of another period."""
+    time = np.arange(0, 600, 0.5) + 0.083
+    return time, 110 * np.sign(np.sin(2 * np.pi * (time - 100.1) / period)) * ((time > 100) & (time < 300))
+
+
+TIME = np.arange(0, 600, 0.5)
+NO_WAVE = {
+    "control, twice": lambda: (control()[0], 2 * control()[1]),
+    "control, ten times": lambda: (control()[0], 10 * control()[1]),
+    "8 s": lambda: of_period(8.0),
+    "15 s": lambda: of_period(15.0),
+    "24 s": lambda: of_period(24.0),
+    "one-sided": lambda: (TIME, np.maximum(square(TIME, 100.0), 0.0)),
+    "unequal": lambda: (TIME, np.where(square(TIME, 100.0) < 0, 0.5, 1.0) * square(TIME, 100.0)),
+}
+
+
+@pytest.mark.parametrize("name", NO_WAVE)
+def test_what_is_no_wave_is_not_found(name):
+    """Contract: signs alternate, sizes agree, the period is a setting; control currents are no manoeuvre."""
+    assert find_waves(*NO_WAVE[name](), 0, SETTINGS) == []
+
+
+def test_a_control_current_of_the_same_sign_is_not_part_of_the_last_half_period():
+    """Analytic: 20 mA of control follow the wave at once; level and last edge are those of the wave."""
+    time = np.arange(0, 600, 0.5) + 0.083
+    current = square(time, 100.0)
+    stop = np.flatnonzero(current)[-1]
+    current[stop + 1 :] = 20.0 * np.sign(current[stop])
+    (wave,) = find_waves(time, current, 2, SETTINGS)
+    np.testing.assert_allclose(np.abs(wave.level), 110.0)
+    assert wave.lower[-1] == time[stop]
+    assert wave.upper[-1] == time[stop + 1]
+
+
+def magnetometer(time, currents, field_ut):
+    """MAG1B as the reader returns it."""
+    second, zero = np.floor(time).astype(np.int64), np.zeros(time.size, np.uint8)
+    columns = {f"Mfv{a}_RAW": np.full(time.size, field_ut[i]) for i, a in enumerate("XYZ")}
+    columns |= {"time_second": second, "time_fraction": time - second, "time_tag": time, "flag": zero, "qualflg": zero}
+    return xr.Dataset(
+        {n: ("record", v) for n, v in columns.items()} | {"current_b": (("record", "axis"), currents)},
+        attrs={"product": "MAG1B"},
+    )
+
+
+FIELDS = {  # rod, field (uT) -> kind: m x B by hand
+    (0, (5.0, 1.0, 40.0)): 1,  # x cross z = -y: pitch
+    (1, (5.0, 1.0, -40.0)): 0,  # y cross z = x: roll
+    (1, (25.0, 1.0, 3.0)): 2,  # y cross x = -z: yaw
+    (2, (25.0, 1.0, 3.0)): 1,  # z cross x = y: pitch
+    (2, (1.0, 25.0, 3.0)): 0,  # z cross y = -x: roll
+}
+
+
+@pytest.mark.parametrize(("rod", "field"), sorted(FIELDS))
+def test_the_kind_is_the_axis_that_the_current_turns(rod, field):
+    """Analytic: the larger component of m x B, whatever the rod."""
+    time, current = record(START + 0.2)
+    currents = np.zeros((time.size, 3))
+    currents[:, rod] = current
+    found = detect(magnetometer(time, currents, field), **SETTINGS)
+    assert (found["rod"].values.tolist(), found["kind"].values.tolist()) == ([rod], [FIELDS[rod, field]])
+    assert abs(float(found["start"][0]) - START - 0.2) <= 0.25
+    assert abs(float(found["stop"][0]) - START - 0.2 - 180) <= 0.25
+    assert found["regular"].values.tolist() == [1]
+
+
+def test_of_waves_at_the_same_time_the_strongest_is_the_manoeuvre():
+    """Contract: cross-talk in the telemetry of another rod makes no second manoeuvre; an empty record holds none."""
+    time, current = record(START + 0.7)
+    currents = np.stack([0.3 * current, 0 * current, -current], axis=1)
+    found = detect(magnetometer(time, currents, (25.0, 1.0, 3.0)), **SETTINGS)
+    assert found["rod"].values.tolist() == [2]
+    assert detect(magnetometer(time[:0], currents[:0], (1.0, 2.0, 3.0)), **SETTINGS).sizes["manoeuvre"] == 0

@@ -1,58 +1,37 @@
-"""Records less the effects of a model."""
+"""Records less the effects of a model; lag of the rods beside edges that are free, and edge times."""
 
 from dataclasses import replace
+from itertools import pairwise
+from types import SimpleNamespace
 
 import com_offset_chain as tools
 import numpy as np
 import pytest
 import xarray as xr
+from scipy.integrate import quad, solve_ivp
 
-from gravcal.calibrations.com_offset import manoeuvre, responses
+from gravcal.calibrations.com_offset import lag, manoeuvre, responses
 from gravcal.calibrations.com_offset.attitude import _star_camera
-from gravcal.calibrations.com_offset.estimate import noise, quiet
-from gravcal.calibrations.com_offset.model import angular_acceleration
 from gravcal.calibrations.com_offset.observations import observe
+from gravcal.effects import torque
 from gravcal.estimation.records import Candidate, Entry, Fitted, Parameter
 
 
-def field_written_twice(count=6):
-    """Field that is renewed once a second and written twice."""
-    values = np.repeat(np.random.default_rng(1).normal(0, 2e-5, (count, 3)), 2, axis=0)
-    time = np.arange(2 * count) * 0.5 + 0.083
-    return xr.Dataset({"field_measured_b": (("time_mag", "axis"), values.copy())}, {"time_mag": time}), values
-
-
-def test_a_field_that_is_written_twice_is_changed_twice():
-    """Analytic: either record of a pair may be the one that is looked at; both lose the contribution, once."""
-    for first in (0, 1):
-        extended, before = field_written_twice()
-        rows = np.arange(first, before.shape[0], 2)
-        added = np.random.default_rng(2).normal(0, 1e-8, (rows.size, 3))
-        responses.subtract_field(extended, extended["time_mag"].values[rows], added)
-        np.testing.assert_allclose(
-            before - extended["field_measured_b"].values, np.repeat(added, 2, axis=0), atol=1e-20
-        )
-
-
-def test_a_field_that_is_written_twice_turns_as_one():
-    """Analytic: the angle grows from record to record, a repeated value takes the one of its first record."""
-    _, values = field_written_twice()
-    angle = np.arange(12)[:, None] * np.array([0.0, 0.0, 1e-4])
+def test_a_field_that_is_written_twice_is_changed_and_turned_as_one():
+    """Analytic: whichever of a pair is looked at, both lose the contribution; records that differ only theirs."""
+    rng, time = np.random.default_rng(1), np.arange(12) * 0.5 + 0.083
+    values, added = np.repeat(rng.normal(0, 2e-5, (6, 3)), 2, axis=0), rng.normal(0, 1e-8, (6, 3))
+    for first, twice in ((0, True), (1, True), (0, False)):
+        before = values if twice else values + np.arange(12)[:, None] * 1e-9
+        extended = xr.Dataset({"field_measured_b": (("time_mag", "axis"), before.copy())}, {"time_mag": time})
+        responses.subtract_field(extended, time[first::2], added)
+        expected = np.repeat(added, 2, axis=0) * (twice | (np.arange(12) % 2 == first))[:, None]
+        np.testing.assert_allclose(before - extended["field_measured_b"].values, expected, atol=1e-20)
+    angle = np.arange(12)[:, None] * np.array([0.0, 0.0, 1e-4])  # grows from record to record
     turned = responses.rotated(angle, values)
     np.testing.assert_array_equal(turned[1::2], turned[::2])
     expected = values[::2] + np.cross(angle[::2], values[::2])
     np.testing.assert_allclose(turned[::2], expected, atol=2e-6 * np.abs(values).max())
-
-
-def test_fields_that_are_all_different_are_changed_where_they_are_looked_at():
-    """Analytic: records without repetition keep what is not looked at."""
-    extended, _ = field_written_twice()
-    values = extended["field_measured_b"].values
-    values += np.arange(12)[:, None] * 1e-9
-    before = values.copy()
-    responses.subtract_field(extended, extended["time_mag"].values[::2], np.full((6, 3), 1e-8))
-    np.testing.assert_allclose((before - values)[::2], 1e-8, rtol=1e-6)
-    np.testing.assert_array_equal(before[1::2], values[1::2])
 
 
 def test_the_star_camera_may_sample_anywhere_in_the_second():
@@ -76,20 +55,16 @@ def test_the_star_camera_may_sample_anywhere_in_the_second():
 TORQUERS = {name: tools.SATELLITE[name] for name in ("inertia", "dipole_per_current")}
 
 
-def solved(made, chosen):
-    """Solution with the torquers from products up to the attitude."""
-    settings = chosen.for_stage("angular_acceleration") | {
-        n: tools.SATELLITE[n] for n in (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
-    }
-    turning = angular_acceleration(made["attitude"], made["align"], variant="mtq", **settings)
-    measured = noise(quiet(made["align"], **chosen.for_stage("quiet")), **chosen.for_stage("noise"))
-    return tools.solution(made["align"], made["attitude"], turning, measured, chosen)
+def offset_of(made, chosen, aligned):
+    """Offset with the torquers from other records."""
+    return manoeuvre.offset_of(tools.solved(made | {"align": aligned}, chosen, ("mtq",))["solve"]["mtq"])
 
 
 def seen(observed):
     """What discovery sees of ingested records, and the products and parameters behind it."""
     made, chosen = tools.smoothed(observed)
-    made["solve"] = solved(made, chosen)
+    made = tools.solved(made, chosen, ("mtq",))
+    made |= {"solve": made["solve"]["mtq"]}
     settings = TORQUERS | {"mass": float(tools.SATELLITE["mass_at_launch"])}
     for stage in ("attitude", "quiet", "equations", "noise", "solve", "discovery", "combine"):
         settings |= chosen.for_stage(stage)
@@ -98,36 +73,35 @@ def seen(observed):
 
 @pytest.fixture(scope="module")
 def moving():
-    """Event of little noise whose offset moves by 180 um in a manoeuvre."""
+    """What is seen of an event of little noise whose offset moves by 180 um in a manoeuvre, and its truth."""
     kinds = {"manoeuvres": ("pitch_high", "roll_high"), "quiet_s": 220.0, "noise_scale": 0.05}
-    return tools.event(41, {"accelerometer.moving_offset": {"speed_x": 1e-6}}, **kinds)
+    observed, truth = tools.event(41, {"accelerometer.moving_offset": {"speed_x": 1e-6}}, **kinds)
+    return *seen(observed), truth
 
 
 def test_an_offset_that_moves_is_that_at_the_middle_of_the_manoeuvres(moving):
     """Recovery: with the motion taken out the offset is met to 8 um; at the first edge it is 90 um from there."""
-    found, made, chosen = seen(moving[0])
+    found, made, chosen, _ = moving
     entry = Entry("accelerometer.moving_offset", "", {"speed_x": Parameter(1e-6, 0.0, "m s-1")})
-    offset = manoeuvre.offset_of(solved(made | {"align": found.without([entry])}, chosen))
-    np.testing.assert_allclose(1e6 * offset, moving[1]["offset_um"], atol=8.0)
+    offset = offset_of(made, chosen, found.without([entry]))
+    np.testing.assert_allclose(1e6 * offset, moving[3]["offset_um"], atol=8.0)
 
 
 def test_a_decay_that_the_drift_takes_up_moves_no_offset(moving):
     """Recovery: 1.3e-6 m s-2 by 80 s in z, seen to a thousandth beside a free drift; x moved by 23 um without that."""
-    found, made, chosen = seen(moving[0])
+    found, made, chosen, _ = moving
     sizes = {
         f"linear_{axis}": Parameter(size, 1e-7, "m s-2") for axis, size in zip("xyz", (0, 0, -1.3e-6), strict=True)
     }
     entry = Entry("unknown:time", "linear reading, decay 80 s from the start", sizes)
     assert 1e-11 < np.abs(responses.contribution(found.views[0], entry)["linear"][:, 2]).max() < 1e-8
-    before, after = (
-        manoeuvre.offset_of(solved(made | {"align": one}, chosen)) for one in (made["align"], found.without([entry]))
-    )
+    before, after = (offset_of(made, chosen, one) for one in (made["align"], found.without([entry])))
     np.testing.assert_allclose(1e6 * after, 1e6 * before, atol=1.0)
 
 
 def test_readings_are_foretold_at_their_own_tags(moving):
     """Analytic: a star camera sees edges to 0.1 s, in which the field changes by 7 nT: not what the readings follow."""
-    found, made, chosen = seen(moving[0])
+    found, made, chosen, _ = moving
     edges = made["attitude"]["sca_shift"]
     other = observe(made | {"attitude": made["attitude"].assign(sca_shift=edges + 0.1)}, **found.settings)
     for one, two in zip(found.views, other.views, strict=True):
@@ -154,7 +128,7 @@ def test_late_tags_show_in_the_readings_what_their_column_says(name):
 
 def test_a_step_of_every_manoeuvre_is_in_the_model_as_it_was_in_the_search(moving):
     """Analytic: rows of its entry are the columns that were fitted; a manoeuvre that it does not know has none."""
-    found = seen(moving[0])[0]
+    found = moving[0]
     first, second = (list(block.steps) for block in found.blocks[:2])
     columns = [block.steps[epochs[9]] for block, epochs in zip(found.blocks[:2], (first, second), strict=True)]
     about = ["x", "y", "z"], ["m s-2"] * 3, [*columns, None]
@@ -166,3 +140,83 @@ def test_a_step_of_every_manoeuvre_is_in_the_model_as_it_was_in_the_search(movin
         np.testing.assert_allclose(rows, part @ [1e-9, -2e-9, 3e-9], atol=1e-9)
     unknown = replace(entry, leads=entry.leads[:1])
     assert not found.response(unknown)[1].any()
+
+
+RNG_LEVEL = 1e-5  # a mean square of 1000 draws 0.9 +- 0.04 below 1.1
+EDGES = np.array([2.0, 8.0, 14.0, 20.0])
+DIPOLE = np.array([[0.0, 3.0, 1.0], [0.5, -3.0, 1.0], [0.0, 3.0, 0.0]])
+
+
+def commanded(t):
+    """Dipole at an epoch, zero outside the edges."""
+    k = np.searchsorted(EDGES, t, side="right") - 1
+    return DIPOLE[k] if 0 <= k < len(DIPOLE) else np.zeros(3)
+
+
+@pytest.mark.parametrize("tau", [0.05, 0.3, 1.6])
+def test_a_lagging_rod_follows_its_equation(tau):
+    """Analytic: tau dm/dt = m_commanded - m, integrated between the edges; edges a lead before the fitted ones."""
+    lead, time = 0.4 * tau, np.arange(0.05, 25.0, 0.1)
+    missing, _ = torque.lag_missing(EDGES, DIPOLE, tau)
+    found = torque.lagging(time, EDGES + lead, DIPOLE, missing, tau, np.array([0.0, lead]))[:, :, 1]
+    state, begin, expected = np.zeros(3), 0.0, []
+    for end in [*EDGES, 26.0]:
+        inside = time[(time >= begin) & (time < end)]
+        held = commanded((begin + end) / 2)
+        run = solve_ivp(lambda _, m: (held - m) / tau, (begin, end), state, dense_output=True, rtol=1e-11, atol=1e-13)  # noqa: B023
+        expected += [run.sol(t) for t in inside]
+        state, begin = run.y[:, -1], end
+    np.testing.assert_allclose(found, expected, atol=1e-8)
+
+
+@pytest.mark.parametrize("tau", [0.1, 0.8])
+def test_twice_integrated_a_lag_is_a_later_edge_and_half_its_square(tau):
+    """Analytic: quadrature of (t - s) times lagging less late dipole over s."""
+    time = np.array([1.0, 2.3, 2.9, 5.0, 8.05, 9.4, 13.9, 19.0, 24.0])
+    found = torque.lag_swing(EDGES, DIPOLE, tau, time, tau)  # edges fitted later by the lag
+    missing, _ = torque.lag_missing(EDGES, DIPOLE, tau)
+
+    def weighed(s, t, axis):
+        lagging = torque.lagging(np.array([s]), EDGES, DIPOLE, missing, tau, np.zeros(1))[0, axis, 0]
+        return (t - s) * (lagging - commanded(s - tau)[axis])
+
+    for t, row in zip(time, found, strict=True):
+        ends = [0.0, *(b for e in EDGES for b in (e, e + tau) if b < t), t]
+        for axis in range(3):
+            swung = sum(quad(weighed, a, b, args=(t, axis))[0] for a, b in pairwise(ends))
+            assert abs(swung - row[axis]) < 1e-7
+
+
+def test_an_entry_keeps_its_leads_by_manoeuvre():
+    """Property: what a finding says of one manoeuvre is not taken for another's."""
+    views = [SimpleNamespace(time=np.array([t, t + 1])) for t in (100.0, 700.0)]
+    entry = Entry(lag.CAUSE, "", {}, leads=lag.leads(views, [0.1, 0.2]))
+    assert [lag.known_lead(v, entry) for v in views] == [0.1, 0.2]
+    elsewhere = SimpleNamespace(time=np.array([2000.0]))
+    assert lag.known_lead(elsewhere, entry) is None
+
+
+def test_the_part_of_a_sample_that_all_manoeuvres_share_is_in_the_error_of_a_late_star_camera(rng):
+    """Commanded a whole number of samples apart, every edge falls on the same part of one; or on a part of its own."""
+    sigma = {f"{name}_shift_sigma": ("manoeuvre", np.full(7, size)) for name, size in (("acc", 2e-4), ("sca", 0.012))}
+    smoothed = xr.Dataset({"time_acc": np.arange(20) / 10, "acc_shift": ("manoeuvre", np.zeros(7)), **sigma})
+    smoothed = smoothed.assign(acc_delay_sigma=0.07)
+    column = responses.edge_column("timing.star_camera_delay", smoothed, np.arange(7.0))[:, 0]
+    for part in (np.repeat(rng.uniform(-0.05, 0.05, (1000, 1)), 8, axis=1), rng.uniform(-0.05, 0.05, (1000, 8))):
+        seen = part + rng.standard_normal((1000, 8)) * np.append(np.full(7, 0.012), 0.07)
+        rows = lag.whitened_edges(smoothed, seen.T).T
+        assert np.mean((rows @ column) ** 2) / (column @ column) < 1.1
+
+
+def test_an_edge_between_two_samples_is_no_delay_and_a_delay_moves_every_row():
+    """Analytic: rows of momentary samples have the spread of their errors, 1 within 15 %; a column is a later tag."""
+    rng = np.random.default_rng(3)
+    shifts = {"sca_shift": ("arc", rng.normal(0, 0.01, 400)), "acc_shift": ("arc", rng.uniform(-0.05, 0.05, 400))}
+    sigmas = {"acc_shift_sigma": ("arc", np.full(400, 5e-4)), "sca_shift_sigma": ("arc", np.full(400, 0.01))}
+    product = xr.Dataset(shifts | sigmas | {"time_acc": ("sample", np.arange(50) * 0.1)})
+    product = product.assign(acc_delay=float(shifts["acc_shift"][1].mean()), acc_delay_sigma=0.037)
+    rows = responses.edge_block(product).observed
+    assert abs(np.mean(rows[:-1] ** 2) - 1) < 0.15
+    late = product.assign(acc_shift=product["acc_shift"] + 0.2, acc_delay=product["acc_delay"] + 0.2)
+    column = responses.edge_column("timing.accelerometer_delay", product, np.zeros(400))[:, 0]
+    np.testing.assert_allclose(responses.edge_block(late).observed - rows, 0.2 * column, rtol=1e-9)

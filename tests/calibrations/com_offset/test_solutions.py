@@ -1,5 +1,7 @@
 """Offsets of single manoeuvres and their combination: what is not determined, how sizes scale, what agrees."""
 
+import json
+
 import com_offset_chain as tools
 import numpy as np
 import pytest
@@ -9,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from gravcal import catalog
-from gravcal.calibrations.com_offset.estimate import _joint, combine, noise, quiet
+from gravcal.calibrations.com_offset.estimate import _joint, combine, noise, quiet, with_model_error
 from gravcal.physics.sensing import offset_tensor
 from gravcal.simulation.sensors import table_density
 
@@ -34,42 +36,25 @@ def test_each_manoeuvre_determines_what_it_turns(made):
     assert combined["determined"].values.all()
 
 
-def test_a_pitch_alone_leaves_y_undetermined():
-    """Contract: not a number in the value, an infinite or large variance, no exception."""
-    observed, _ = tools.event(41, manoeuvres=("pitch_high",))
-    combined = tools.chain(observed)["combine"]
-    assert combined["determined"].values[:, 0].all()
-    assert not combined["determined"].values[:, 1].any()
-    assert np.isnan(combined["offset"].values[:, 1]).all()
-    assert np.isfinite(combined["offset"].values[:, 0]).all()
-
-
-def test_the_offset_follows_the_reading(made):
-    """Analytic: a reading larger by the model of a known offset moves the torquer's estimate by that offset."""
+def test_the_offset_follows_the_reading_and_no_bias_or_trend(made):
+    """Analytic: a reading larger by the model of an offset moves the torquer's estimate by it, drift does not."""
     made, _ = made
     smoothed, aligned = made["attitude"], made["align"]
+    time = aligned["time_acc"].values
+    drift = 1e-5 * np.array([1.0, -2.0, 0.5]) + 1e-12 * (time - time[0])[:, None] * np.array([1.0, 1.0, -1.0])
     added = np.array([3e-5, -2e-5, 5e-5])
     tensor = offset_tensor(*(smoothed[n].values for n in ("rate_b", "rate_dot_mtq_b", "gradient_b")))
     linear = aligned["linear_b"].values.copy()
-    linear[np.searchsorted(aligned["time_acc"].values, smoothed["time_acc"].values)] -= tensor @ added
-    moved = aligned.assign(linear_b=(aligned["linear_b"].dims, linear))
+    linear[np.searchsorted(time, smoothed["time_acc"].values)] -= tensor @ added
+    moved, drifting = (
+        aligned.assign(linear_b=(("time_acc", "axis"), v)) for v in (linear, aligned["linear_b"].values + drift)
+    )
     others = (smoothed, made["angular_acceleration"]["mtq"], made["noise"], catalog.parameters("com_offset"))
-    one, other = (tools.solution(a, *others) for a in (aligned, moved))
+    one, other, same = (tools.solution(a, *others) for a in (aligned, moved, drifting))
     assert_allclose(other["right"].values - one["right"].values, np.matvec(one["normal"].values, added), rtol=1e-6)
     assert_allclose(one["information"].values, other["information"].values, rtol=1e-9)
-
-
-def test_a_bias_and_a_trend_of_the_accelerometer_change_nothing(made):
-    """Analytic: constant and slope per manoeuvre lie in the drift; the estimate does not see 1e-5 m s-2."""
-    made, _ = made
-    aligned = made["align"]
-    time = aligned["time_acc"].values
-    extra = 1e-5 * np.array([1.0, -2.0, 0.5]) + 1e-12 * (time - time[0])[:, None] * np.array([1.0, 1.0, -1.0])
-    moved = aligned.assign(linear_b=(aligned["linear_b"].dims, aligned["linear_b"].values + extra))
-    others = (made["attitude"], made["angular_acceleration"]["mtq"], made["noise"], catalog.parameters("com_offset"))
-    one, other = (tools.solution(a, *others) for a in (aligned, moved))
-    scale = np.abs(one["right"].values).max()
-    assert_allclose(other["right"].values, one["right"].values, atol=1e-6 * scale)  # rounding of the bias
+    size = np.abs(one["right"].values).max()
+    assert_allclose(same["right"].values, one["right"].values, atol=1e-6 * size)  # rounding of the bias
 
 
 def test_noise_that_is_louder_at_one_manoeuvre_weakens_it(made):
@@ -136,7 +121,7 @@ def four(make):
 
 
 def test_the_combination_is_the_mean_weighted_with_full_matrices():
-    """Analytic: against the dense weighted mean; catalogue errors only in the total covariance."""
+    """Analytic: the dense weighted mean, catalogue errors in the total alone; ten sigma in one of three; nothing."""
     rng = np.random.default_rng(1)
     A = rng.standard_normal((3, 20, 3)) * 1e5
     information, offsets = np.swapaxes(A, 1, 2) @ A, 1e-5 * rng.standard_normal((3, 3))
@@ -149,16 +134,31 @@ def test_the_combination_is_the_mean_weighted_with_full_matrices():
     assert_allclose(combined["covariance"].values[0], total, rtol=1e-4, atol=1e-16)
     expected = total + np.diag([4e-12, 1e-12, 0])
     assert_allclose(combined["covariance_total"].values[0], expected, rtol=1e-4, atol=1e-16)
-
-
-def test_manoeuvres_that_disagree_are_found():
-    """Analytic: one of three moved by ten sigma along x."""
-    information = np.broadcast_to(np.eye(3) * 1e12, (3, 3, 3))
-    offsets = np.zeros((3, 3))
-    offsets[1, 0] = 1e-5
-    combined = four(lambda v: solved(v, offsets, information))
+    moved = np.array([[0.0, 0, 0], [1e-5, 0, 0], [0, 0, 0]])
+    combined = four(lambda v: solved(v, moved, np.broadcast_to(np.eye(3) * 1e12, (3, 3, 3))))
     assert float(combined["chi2"][0]) == pytest.approx(100 * 2 / 3)
     assert stats.chi2.sf(float(combined["chi2"][0]), int(combined["dof"][0])) < 1e-9
+    combined = four(lambda v: solved(v, np.full((2, 3), np.nan), np.zeros((2, 3, 3))))  # blocks without samples
+    assert np.isnan(combined["offset"].values).all()
+    assert not combined["determined"].values.any()
+
+
+def test_moves_of_a_model_add_to_both_covariances():
+    """Analytic: S + sum d d', the offsets as they were; from the limit on a component is not determined."""
+    base = four(lambda v: solved(v, np.full((3, 3), 1e-5), np.broadcast_to(np.eye(3) * 1e12, (3, 3, 3))))
+    moves = np.array([[3e-6, 0, -1e-6], [0, 2e-6, 0]])
+    widened = with_model_error(base, *(base.assign(offset=base["offset"] + m) for m in moves), determined_sigma_um=50.0)
+    for name in ("covariance", "covariance_total"):
+        added = widened[name].values - base[name].values
+        assert_allclose(added, np.broadcast_to(moves.T @ moves, added.shape), rtol=1e-9, atol=1e-20)
+    assert_allclose(widened["offset"].values, base["offset"].values, rtol=0)
+    search = {"correction": [1e-6, 0, -2e-6], "covariance": np.diag([1e-12, 4e-12, 0]).tolist()}
+    found = with_model_error(base, determined_sigma_um=50.0, added=json.dumps(search))
+    assert_allclose(found["offset"].values, base["offset"].values + search["correction"])
+    assert_allclose(found["covariance"].values[1], base["covariance"].values[1] + search["covariance"])
+    widened = with_model_error(base, base.assign(offset=base["offset"] + [0, 60e-6, 0]), determined_sigma_um=50.0)
+    np.testing.assert_array_equal(widened["determined"].values, [[1, 0, 1]] * 4)
+    assert np.isnan(widened["offset"].values[:, 1]).all()
 
 
 def drawn(rng, information, own):
@@ -212,13 +212,6 @@ def test_an_error_of_the_catalogue_is_seen_by_its_own_test_alone():
         assert float(combined["variants_chi2"]) == pytest.approx(0.0, abs=1e-9)
     assert float(some["catalogue_chi2"]) == pytest.approx(9.0, rel=1e-3)
     assert float(much["catalogue_chi2"]) == pytest.approx(900.0, rel=1e-3)
-
-
-def test_no_manoeuvre_that_can_be_solved_gives_no_number():
-    """Contract: blocks without samples leave every component undetermined."""
-    combined = four(lambda v: solved(v, np.full((2, 3), np.nan), np.zeros((2, 3, 3))))
-    assert np.isnan(combined["offset"].values).all()
-    assert not combined["determined"].values.any()
 
 
 def test_published_processing_shows_its_small_errors():

@@ -1,16 +1,24 @@
-"""Drag, rates and what can be told apart: bounds and recovery."""
+"""S-GRS: drag, rates and what can be told apart; laws, corrected and as printed (S-1 to S-9); the simulated day."""
+
+import functools
 
 import numpy as np
 import pytest
-from gradient_torque_days import SATELLITE, STORED, fly, observed, ratio, solve, solved_day
-from numpy.testing import assert_allclose
+import xarray as xr
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.interpolate import BSpline
 
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import attitude, estimate, model
+from gravcal.calibrations.gradient_torque.attitude import orbit_frame
 from gravcal.errors import EstimationError, ProductError
-from gravcal.physics import gravity
+from gravcal.io import daily, icgem
+from gravcal.physics import frames, kinematics
+from gravcal.physics.constants import GM
+from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.physics.sensing import offset_tensor
+from gravcal.simulation import by_slug
+from gravcal.simulation import gradient_torque as simulation
 
 
 def test_the_covariance_inside_the_band_is_that_of_the_whole_inverse():
@@ -170,7 +178,10 @@ def test_priors_determine_the_drag_one_after_the_other():
 
 
 def test_degree_one_is_empty_and_a_cube_has_no_part():
-    """Analytic: erratum S-9; torque is linear in the field; a cube has no part in it."""
+    """Analytic: erratum S-9; a cube has no part in the torque; degrees beyond are refused; a sine is its line."""
+    time = np.arange(1000.0)
+    frequency, amplitude = model.amplitude_spectrum(2 * np.sin(2 * np.pi * 0.05 * time)[:, None], 1.0)
+    assert_allclose([amplitude.max(), frequency[np.argmax(amplitude)]], [2, 0.05], rtol=1e-3)
     columns, _, modelled, _ = solved_day()
     chosen = catalog.parameters("gradient_torque").with_settings({"highest_degree": 8})
     spectra = {}
@@ -181,23 +192,9 @@ def test_degree_one_is_empty_and_a_cube_has_no_part():
     assert np.all(spectra[1.0]["test_mass_rms"].values == 0)
     assert np.all(spectra[1.0]["rms"].values[1:] > 0)
     assert np.all(spectra[2.0]["test_mass_rms"].values[1:, 1] > 0)
-    field, position = model.field_of(STORED), columns["position"][:5]
-    parts = [gravity.gradient_e(gravity.zonal(field, n), position) for n in range(2, 9)]
-    cosine = field.cosine[:9, :9] * (np.arange(9) == 0)
-    zonals = gravity.Field(field.gm, field.radius, cosine, 0 * field.sine[:9, :9])
-    whole = gravity.gradient_e(gravity.truncated(zonals, 2, 8), position)
-    assert_allclose(sum(parts), whole, rtol=0, atol=1e-21)
-    beyond = chosen.for_stage("torque") | {"highest_degree": field.degree + 1}
-    with pytest.raises(ProductError, match=f"highest_degree={field.degree}"):
+    beyond = chosen.for_stage("torque") | {"highest_degree": 21}
+    with pytest.raises(ProductError, match="highest_degree=20"):
         model.torque(modelled, observed(columns), STORED, satellite=SATELLITE, **beyond)
-
-
-def test_a_sine_shows_its_amplitude():
-    """Analytic: amplitude 2 in the line of its frequency."""
-    time = np.arange(1000.0)
-    frequency, amplitude = model.amplitude_spectrum(2 * np.sin(2 * np.pi * 0.05 * time)[:, None], 1.0)
-    assert_allclose(amplitude.max(), 2, rtol=1e-3)
-    assert_allclose(frequency[np.argmax(amplitude)], 0.05)
 
 
 def test_gaps_and_missing_attitudes_are_bridged_and_long_gaps_refused():
@@ -217,7 +214,7 @@ def test_gaps_and_missing_attitudes_are_bridged_and_long_gaps_refused():
 
 
 def test_what_a_method_cannot_do_is_refused():
-    """Contract: two sensors need two, the printed algorithm divides by each component of the place."""
+    """Contract: two sensors need two, the printed algorithm divides by each component, infinite readings solve none."""
     columns, _ = fly(7, duration_s=600, sensors=1)
     with pytest.raises(EstimationError, match="found one sensor"):
         solve(columns, ("two_sensor",))
@@ -226,9 +223,217 @@ def test_what_a_method_cannot_do_is_refused():
     columns["sensor_position"] = np.array([[0.1, 0.0, 0.0]])
     with pytest.raises(EstimationError, match="divides by each"):
         solve(columns, ("one_sensor_published",))
-
-
-def test_readings_of_infinite_size_solve_no_equations():
-    """Contract: an error that stages turn into one of the input; a trace of scipy before."""
     with pytest.raises(np.linalg.LinAlgError, match="infinite"):
         attitude.solve(np.ones((18, 6)), np.array([0, 0, np.inf, 0, 0, 0]))
+
+
+SATELLITE = catalog.satellite("S").settings()
+FIELD = icgem.read_field(icgem.shipped(), 20)
+STORED = model.field(FIELD)
+DAY = 633830400.0
+SHORT = {"duration_s": 7200, "step_s": 5, "field_degree": 20}
+
+
+def observed(columns):
+    """Dataset as the reader of SGRS files gives it."""
+    known = {name: (dims, columns[name]) for name, (dims, _, _) in daily.LAYOUTS["SGRS"].items()}
+    return xr.Dataset(known, {"time": columns["time"]})
+
+
+def fly(seed, effects=None, nongravitational=None, **settings):
+    """Columns and truth of an invented record."""
+    chosen = catalog.parameters("simulate_gradient_torque").with_settings(SHORT | settings)
+    return simulation.simulate(SATELLITE, chosen, FIELD, DAY, seed, by_slug(effects or {}), nongravitational)
+
+
+def solve(columns, methods=estimate.VARIANTS, **settings):
+    """Products gradient and drag, by the stages' own functions."""
+    chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": 20} | settings)
+    modelled = model.gradient(observed(columns), STORED, satellite=SATELLITE, **chosen.for_stage("gradient"))
+    given = {"satellite": SATELLITE, **chosen.for_stage("drag")}
+    return modelled, {name: estimate.drag(modelled, variant=name, **given) for name in methods}
+
+
+@functools.cache
+def solved_day():
+    """Columns, truth and products of one record, by all methods."""
+    columns, truth = fly(1)
+    return columns, truth, *solve(columns)
+
+
+def ratio(found, truth, total=False):
+    """Errors over standard deviations, (n, 3)."""
+    covariance = found["covariance_total" if total else "covariance"].values
+    return (found["drag_b"].values - truth["drag"]) / np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
+
+
+BODY, CUBE = np.diag([110.0, 580.0, 650.0]), 7.5e-5 * np.eye(3)
+MEAN_MOTION = 1.11e-3
+
+
+def test_the_printed_algorithm_returns_its_closed_form():
+    """Published: erratum S-6, a_16 = a_drag + p (h.Dg - q_d.a_drag)/|p|^2 with eq. 13 as truth, to 1e-15."""
+    rng = np.random.default_rng(0)
+    h, q_d = rng.standard_normal((2, 3))
+    difference, drag = rng.standard_normal((2, 20, 3))
+    linear, angular = difference - drag, np.cross(h, difference) - np.cross(q_d, drag)
+    found, scalar = model.printed_drag(linear, angular, h, q_d)
+    p = q_d - h
+    wrong = (difference @ h - drag @ q_d)[:, None] * p / (p @ p)
+    assert_allclose(found, drag + wrong, rtol=0, atol=2e-14)  # rounding of numbers of size one
+    assert_allclose(scalar, 0, atol=2e-14)
+    assert np.median(np.linalg.norm(wrong, axis=1) / np.linalg.norm(drag, axis=1)) > 0.1
+
+
+def test_the_printed_algorithm_is_the_bare_reading():
+    """Published: erratum S-8, cube, 1 mm, drag 2e-7: |a_16 + a_rel| 5e-18 m s-2, error |G r| 3e-9."""
+    place, drag = np.full(3, 1e-3), np.array([[-2e-7, 1e-8, 5e-9]])
+    tensor = MEAN_MOTION**2 * np.diag([-1.0, -1.0, 2.0])
+    linear = tensor @ place - drag
+    angular = model.gradient_angular_acceleration(CUBE, BODY, tensor)[None]
+    pressure = np.array([0.1, 0.0, 0.0])
+    h, q_d = model.printed_vectors(BODY, CUBE, 600.0, pressure, place)
+    found, _ = model.printed_drag(linear, angular, h, q_d)
+    assert np.abs(found + linear).max() < 1e-17
+    assert_allclose(np.linalg.norm(found - drag), np.linalg.norm(tensor @ place), rtol=1e-6)
+    assert_allclose(np.linalg.norm(found - drag), 3.0e-9, rtol=0.05)
+    assert_allclose(model.drag_from(linear[:, None], -tensor, [place]), drag, atol=1e-22)
+
+
+def test_the_bracket_of_the_drag_torque_matters():
+    """Published: erratum S-4: (I^-1 x) x a is not I^-1 (x x a) unless the inertia is isotropic."""
+    x, a = np.array([0.1, -0.2, 0.3]), np.array([1.0, 2.0, -1.0])
+    assert not np.allclose(np.linalg.solve(BODY, np.cross(x, a)), np.cross(np.linalg.solve(BODY, x), a))
+    _, q_d = model.printed_vectors(BODY, CUBE, 600.0, x, np.ones(3))
+    assert_allclose(q_d, 600 * x / np.diag(BODY))
+
+
+def test_a_cube_feels_no_gravity_gradient_torque_and_a_long_mass_does():
+    """Analytic: erratum S-5; a rod's torque is 3 mu/r^3 e x (J e)."""
+    e = np.array([0.6, 0.0, 0.8])
+    tensor = GM / 6.87e6**3 * (3 * np.outer(e, e) - np.eye(3))
+    satellite = {"test_mass": 0.54, "test_mass_inertia": 0.54 * 0.03**2 / 6 * np.eye(3)}
+    cube, long = (model.box_inertia(satellite, k) for k in (1.0, 2.0))
+    assert_allclose(model.free_mass_angular_acceleration(cube, tensor, np.zeros(3)), 0, atol=1e-22)
+    expected = np.linalg.solve(long, 3 * GM / 6.87e6**3 * np.cross(e, long @ e))
+    assert_allclose(model.free_mass_angular_acceleration(long, tensor, np.zeros(3)), expected, rtol=1e-12)
+    assert_allclose(np.diag(cube), 0.54 * 0.03**2 / 6)
+    assert long[0, 0] < long[1, 1]
+
+
+def test_a_satellite_along_the_orbit_axes_feels_no_torque():
+    """Published: erratum S-1, diagonal inertia and tensor: the true torque is zero."""
+    assert_allclose(gravity_gradient_torque(BODY, MEAN_MOTION**2 * np.diag([-1.0, -1.0, 2.0])), 0)
+
+
+def test_two_sensors_cancel_only_in_the_middle():
+    """Published: erratum S-3: 1 mm of middle leaves 3 n^2 x 1 mm, 3.7e-9 m s-2, without the mounting term."""
+    tensor = offset_tensor(np.array([0, -MEAN_MOTION, 0]), np.zeros(3), MEAN_MOTION**2 * np.diag([-1.0, -1.0, 2.0]))
+    places, drag = np.array([[0.1, 0, 1e-3], [-0.1, 0, 1e-3]]), np.array([-1e-7, 0, 0])
+    linear = np.stack([-tensor @ p - drag for p in places])
+    assert_allclose(model.drag_from(linear, tensor, places), drag, atol=1e-22)
+    assert_allclose(np.linalg.norm(-linear.mean(axis=0) - drag), 3.7e-9, rtol=0.01)
+
+
+def test_one_epoch_has_rank_six_of_eight_and_the_printed_pair_five():
+    """Published: errata S-8 and S-6; at the centre of mass the drag is seen by translation alone.
+
+    Of the printed pair the null vector is along p = q_d - h in both halves.
+    """
+    cube = 8e-5 * np.eye(3)
+    for place, drag_seen in (([1e-3, 2e-3, -1e-3], False), ([0.0, 0.0, 0.0], True)):
+        sensor = model.Sensor(BODY, cube, 600.0, np.array(place), np.array([0.1, 0.02, 0.03]))
+        rank, null = model.single_epoch(sensor)
+        assert (rank, len(null)) == (6, 2)
+        assert np.abs(null[:, 5:]).max() < 1e-12 if drag_seen else np.abs(null[:, 5:]).max() > 1e-3
+        assert drag_seen or np.abs(null[:, 2:5]).max() < 0.01 * np.abs(null[:, :2]).max()
+    h, q_d = model.printed_vectors(BODY, cube, 600.0, np.array([0.1, 0, 0]), np.array([1e-3, 2e-3, 1e-3]))
+    rank, null = model.printed_pair(h, q_d)
+    p = (q_d - h) / np.linalg.norm(q_d - h) / np.sqrt(2)
+    assert rank == 5
+    assert_allclose(np.abs(null @ np.concatenate([p, p])), 1, rtol=1e-9)
+
+
+def test_errors_of_motion_reach_the_drag_as_differences_say():
+    """Analytic: derivatives of T r by attitude, rate and angular acceleration against central differences."""
+    rng = np.random.default_rng(1)
+    w, wd, place = 1e-3 * rng.standard_normal(3), 1e-6 * rng.standard_normal(3), 0.1 * rng.standard_normal(3)
+    tensor = 1e-6 * rng.standard_normal((3, 3))
+    tensor = tensor + tensor.T
+    parts = model.offset_tensor_error(w, tensor, place)
+
+    def felt(angle, rate, rate_dot):
+        R = frames.R_bi_from_quaternion(frames.from_rotation_vector(angle))
+        return offset_tensor(w + rate, wd + rate_dot, R @ tensor @ R.T) @ place
+
+    for k, size in enumerate((1e-4, 1e-5, 1e-8)):
+        for axis in range(3):
+            moves = np.zeros((3, 3))
+            moves[k, axis] = size
+            assert_allclose(parts[k][:, axis], (felt(*moves) - felt(*-moves)) / (2 * size), rtol=1e-6, atol=1e-14)
+
+
+def test_rates_from_angles_agree_with_the_attitude():
+    """Analytic: angles of 0.1 rad on a turning frame; rates of the composed attitude by seven-point differences."""
+    time = np.arange(-10.0, 11.0)
+    w = 2 * np.pi / 300
+    size, phase = np.array([0.1, -0.05, 0.08]), np.array([0.0, 1.0, 2.0])
+    u = w * time[:, None] + phase
+    angle, first, second = size * np.sin(u), size * w * np.cos(u), -size * w**2 * np.sin(u)
+    rate_o = np.tile([2e-4, -1.1e-3, 3e-4], (time.size, 1))
+    R_oi = frames.R_bi_from_quaternion(frames.from_rotation_vector(time[:, None] * rate_o))
+    R_bi = attitude.R_bo(angle) @ R_oi
+    found = attitude.body_rates(angle, first, second, rate_o, np.zeros_like(rate_o))
+    q = frames.continuous(frames.quaternion_from_R_bi(R_bi))
+    expected = kinematics.rates_from_attitude(time, q, half_width=3, degree=6)
+    assert_allclose(found[0][5:-5], expected[0][5:-5], rtol=0, atol=1e-11)
+    assert_allclose(found[1][5:-5], expected[1][5:-5], rtol=0, atol=1e-11)
+    assert_allclose(attitude.angles(q, R_oi), angle, atol=1e-14)
+
+
+HALF_HOUR = {"duration_s": 1800, "step_s": 2}
+
+
+def test_the_same_seed_gives_the_same_day_and_another_another():
+    """Contract: everything random comes from the seed."""
+    first, second, other = (fly(seed, **HALF_HOUR)[0] for seed in (1, 1, 2))
+    for name, values in first.items():
+        assert_array_equal(values, second[name])
+    assert not np.array_equal(first["linear"], other["linear"])
+
+
+def test_torques_motion_attitude_and_rates_agree():
+    """Analytic: what the motion takes is drag torque, gradient and control; rates are those of the written attitude."""
+    columns, truth = fly(1, **HALF_HOUR, tracker_noise=0, torque_n_m=0)
+    J, w = np.array(SATELLITE["inertia"]), truth["rate"]
+    taken = np.matvec(J, truth["rate_dot"]) + np.cross(w, np.matvec(J, w))
+    left = taken - gravity_gradient_torque(J, truth["gradient"])
+    drag = SATELLITE["mass"] * np.cross(truth["centre_of_pressure_m"], truth["drag"])
+    R_oi = orbit_frame(columns["position"], columns["velocity"])
+    R_bo = frames.R_bi_from_quaternion(columns["q"]) @ np.swapaxes(R_oi, 1, 2)
+    angle = frames.rotation_vector(frames.quaternion_from_R_bi(R_bo))
+    W = 2 * np.pi * 0.001
+    control = -np.matvec(J, W**2 * angle + 1.4 * W * np.gradient(angle, 2.0, axis=0))
+    assert_allclose((left - control)[20:-20], drag[20:-20], rtol=0, atol=2e-3 * np.abs(control).max())
+    rates = kinematics.rates_from_attitude(columns["time"], columns["q"], half_width=3, degree=6)
+    for name, expected in zip(("rate", "rate_dot"), rates, strict=True):
+        assert_allclose(truth[name][5:-5], expected[5:-5], atol=1e-12)
+
+
+def test_effects_are_added():
+    """Analytic: angular bias as an accelerometer reads it, so with a minus here; a moved centre of pressure turns.
+
+    C_22 off by 1e-6 changes the readings by 12 GM/r^3 times 1e-6 at most, 2.65 of full normalisation.
+    """
+    plain, truth = fly(1, **HALF_HOUR)
+
+    def change(name, value, kind):
+        return fly(1, {name: value}, **HALF_HOUR)[0][kind] - plain[kind]
+
+    assert_allclose(change("gradient.angular_bias.y", 1e-9, "angular")[:, :, 1], -1e-9, rtol=1e-6)
+    scaled = change("gradient.field_scale.scale", 1e-3, "linear")
+    assert_allclose(scaled[:, 0], 1e-3 * truth["gradient"] @ plain["sensor_position"][0], rtol=0, atol=1e-15)
+    assert np.abs(change("torque.aerodynamic.arm_z", 0.05, "angular")).max() > 1e-10
+    tesseral = change("gradient.tesseral.cosine", 1e-6, "linear")
+    assert 1e-13 < np.abs(tesseral[:, 0]).max() < 12 * 1.25e-6 * 2.65 * 1e-6 * 0.11
+    assert_allclose(tesseral[:, 0], -tesseral[:, 1], atol=0.05 * np.abs(tesseral).max())  # +-0.1 m, mm off

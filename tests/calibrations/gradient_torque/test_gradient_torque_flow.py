@@ -2,6 +2,7 @@
 
 import json
 
+import commands
 import numpy as np
 import pytest
 
@@ -10,7 +11,7 @@ from flows import gradient_torque as flow
 from gravcal import catalog
 from gravcal.errors import EstimationError, ProductError
 from gravcal.io import daily, writers
-from gravcal.store.schemas import validate
+from gravcal.store import store
 from tasks.stage import read
 
 SHORT = {"duration_s": "3600", "step_s": "5", "field_degree": "12"}
@@ -24,18 +25,16 @@ def invented(folder, **settings):
 
 
 def run(folder, **settings):
-    """Report product of the record of a folder."""
-    chosen = catalog.parameters("gradient_torque").with_settings(SETTINGS | settings)
-    source = flow.CALIBRATION.source(data=folder / "data")
-    return engine.run(flow.calibrate, source, chosen, engine="inline"), source, chosen
+    """Document and product of the record of a folder."""
+    return commands.run("gradient_torque", folder / "data", **(SETTINGS | settings))
 
 
 def test_a_run_delivers_document_and_page_and_is_reused(tmp_path):
     """Contract: schema, errors of each method where the truth is given, and nothing made twice."""
     truth = invented(tmp_path)
-    ref, source, chosen = run(tmp_path, truth=str(tmp_path / "truth.nc"))
-    document = flow.CALIBRATION.document(ref)
-    validate(document)
+    settings = SETTINGS | {"truth": str(tmp_path / "truth.nc")}
+    document, ref = run(tmp_path, **settings)
+    source, chosen = flow.CALIBRATION.source(data=tmp_path / "data"), catalog.parameters("gradient_torque")
     assert truth["date"] == source.date
     assert document["event"] == "demo-s-2020-02-01"
     assert set(document["drag"]) == {"two_sensor", "one_sensor_published", "one_sensor"}
@@ -49,10 +48,10 @@ def test_a_run_delivers_document_and_page_and_is_reused(tmp_path):
     assert "gains nothing" in document["verdict"]["text"]
     page = (ref.folder / "report.html").read_text()
     assert page.count("data:image/svg") == 4
-    steps, again = engine.plan(flow.calibrate, source, chosen)
+    steps, again = engine.plan(flow.calibrate, source, chosen.with_settings(settings))
     assert again == ref
     assert {step.action for step in steps} == {"reuse"}
-    changed = chosen.with_settings({"gravity_sigma_scale": "2"})
+    changed = chosen.with_settings(settings | {"gravity_sigma_scale": "2"})
     steps, _ = engine.plan(flow.calibrate, source, changed)
     made = {step.stage for step in steps if step.action == "run"}
     assert any("drag" in name for name in made)
@@ -62,8 +61,7 @@ def test_a_run_delivers_document_and_page_and_is_reused(tmp_path):
 def test_without_truth_and_with_one_sensor_errors_are_null(tmp_path):
     """Contract: what is not known is null; one sensor has no two-sensor method."""
     invented(tmp_path, sensors="1")
-    document = flow.CALIBRATION.document(run(tmp_path)[0])
-    validate(document)
+    document, _ = run(tmp_path)
     assert set(document["drag"]) == {"one_sensor_published", "one_sensor"}
     assert document["drag"]["one_sensor"]["rms_error"] is None
     assert "differs from the solution" in document["verdict"]["text"]
@@ -80,7 +78,7 @@ def test_a_truth_of_other_epochs_is_refused(tmp_path):
 def test_without_a_known_control_law_the_pressure_is_left_out(tmp_path):
     """Contract: places with a zero leave the printed method out, control_hz 0 the torque balance."""
     invented(tmp_path, mounting_mm="0,0,0,0,0,0", sensors="1")
-    document = flow.CALIBRATION.document(run(tmp_path, control_hz="0")[0])
+    document, _ = run(tmp_path, control_hz="0")
     assert list(document["drag"]) == ["one_sensor"]
     assert "centre_of_pressure_m" not in document
 
@@ -114,21 +112,13 @@ def drag_with(folder, value, error=""):
     path = folder / "model.toml"
     line = f'parameters.y = {{ value = {value}, {error}unit = "rad s-2" }}'
     path.write_text(f'[[effect]]\ncause = "gradient.angular_bias"\n{line}\n')
-    chosen = catalog.parameters("gradient_torque").with_settings(SETTINGS | {"model": calibration.model_text(path)})
-    refs = {}
-
-    def listen(call, state, ref):  # noqa: ARG001
-        refs[call.stage.writes, call.variant] = ref
-
-    source = flow.CALIBRATION.source(data=folder / "data")
-    engine.run(flow.calibrate, source, chosen, engine="inline", listener=listen)
-    return read(refs["gradient_torque.drag", "one_sensor"])
+    document, _ = run(folder, model=calibration.model_text(path))
+    return read(store.find(document["drag"]["one_sensor"]["series"]))
 
 
 def test_the_error_of_a_bias_is_in_the_drag(tmp_path):
     """Recovery: a bias that is wrong by its error moves the drag by what its errors hold beyond the noise."""
-    effects = {"gradient.angular_bias.y": BIAS}
-    flow.CALIBRATION.simulate(tmp_path / "data", seed=3, truth=None, effects=effects, settings=SHORT)
+    commands.simulated("gradient_torque", tmp_path / "data", 3, {"gradient.angular_bias": {"y": BIAS}}, **SHORT)
     given = (BIAS, ""), (BIAS + ERROR, ""), (BIAS, f"sigma = {ERROR}, ")
     sharp, wrong, wide = (drag_with(tmp_path, *one) for one in given)
     np.testing.assert_array_equal(wide["drag_b"].values, sharp["drag_b"].values)

@@ -1,34 +1,36 @@
-"""The whole way: voltages and attitude in, document and page out."""
+"""The whole way: voltages and attitude in, document and page out; several seeds (a larger study: benchmarks)."""
 
 import json
+import shutil
 from types import SimpleNamespace
 
+import commands
 import h5py
 import numpy as np
 import pytest
-from inertial_events import ROLL, one, run, simulated, within
+from independent import worlds
+from independent.damage import exchanged, held, late, netcdf, times
 
+from benchmarks import inertial_sensor as study
+from benchmarks.tables import interval, rms
 from flows import calibration
 from flows import inertial_sensor as flow
-from gravcal.errors import EstimationError
-from gravcal.store.schemas import validate
+from gravcal.calibrations.inertial_sensor import align, bias, page
+from gravcal.errors import EstimationError, GravcalError
 from tasks.stage import read
 
 TURN, ERROR = 0.05, 0.03
 
 
 def test_files_in_document_out(delivered):
-    """Recovery: the document is valid and every determined value within 4.5 sigma; one seed of 11 values."""
+    """Recovery: offset and delay within 4.5 sigma, bias in total error and to 0.1 % of itself with factors held."""
     document, truth = delivered["document"], delivered["truth"]
-    validate(document)
     assert document["event"] == "taiji-t-2022-05-18"
+    assert delivered["page"].count("data:image/svg+xml;base64,") == 9
     swing, bias = document["swing"], document["roll"]["bias"]
-    for index, axis in enumerate("xyz"):
-        assert within(one(swing["beta"][axis]), truth["beta"][index : index + 1])
-        if axis != "y":
-            assert within(one(swing["k"][axis]), truth["k"][index : index + 1])
-            assert abs(bias["value"][index] - truth["bias"][index]) < 4.5 * bias["sigma_total"][index]
-            assert bias["sigma"][index] < 1e-3 * abs(bias["value"][index])  # 0.1 %, scale factors held
+    for index in (0, 2):
+        assert abs(bias["value"][index] - truth["bias"][index]) < 4.5 * bias["sigma_total"][index]
+        assert bias["sigma"][index] < 1e-3 * abs(bias["value"][index])
     assert within(swing["com_to_test_mass_um"], truth["com_to_test_mass_um"])
     assert within(one(swing["delay_s"]), [truth["delay_s"]])
     assert swing["filter_minus_batch"]["sigmas"] < 1e-5  # start 1e5 times wider than the result
@@ -59,13 +61,6 @@ def test_mass_inertia_and_arm_enter_the_factors_and_the_factors_the_bias(deliver
         assert factor < roll["bias"]["sigma_total"][index]
 
 
-def test_the_page_holds_tables_and_figures_and_a_second_run_reuses_everything(delivered):
-    """Contract: nine figures, nothing fetched from elsewhere, nothing made again."""
-    assert delivered["page"].count("data:image/svg+xml;base64,") == 9
-    assert "http://" not in delivered["page"].replace("http://www.w3.org", "")
-    assert {step.action for step in delivered["steps"]} == {"reuse"}
-
-
 def test_the_printed_forms_double_the_linear_factors(delivered):
     """Published: eqs. 8-10 with 1/2 give k twice as large from the same beta (erratum T-4)."""
     right, printed = (delivered[name]["swing"] for name in ("document", "printed"))
@@ -78,7 +73,6 @@ def test_the_printed_forms_double_the_linear_factors(delivered):
 def test_a_roll_of_few_good_segments_does_not_take_the_swing_with_it(both, settings):
     """Contract: swing delivered, bias null, the reason said; no segment uniform enough, or too few in all."""
     document, ref = run(both[0], **settings)
-    validate(document)
     assert document["status"] == "delivered"
     assert within(one(document["swing"]["delay_s"]), [both[1]["delay_s"]])
     assert document["roll"]["bias"]["value"] == [None] * 3
@@ -102,7 +96,6 @@ def test_quiet_data_give_no_manoeuvre(tmp_path):
     """Contract: status no_manoeuvre, report all the same."""
     simulated(tmp_path, manoeuvre="none")
     document, ref = run(tmp_path)
-    validate(document)
     assert document["status"] == "no_manoeuvre"
     assert (ref.folder / "report.html").exists()
     assert read(ref).sizes["axis"] == 3
@@ -126,7 +119,7 @@ def test_bad_samples_do_not_bias_a_swing_and_a_long_gap_is_refused(tmp_path):
 
 def test_the_error_of_a_turned_tracker_is_in_factors_and_offset(tmp_path):
     """Recovery: a turn that is wrong by its error moves the results by what their errors hold beyond the noise."""
-    effects = {"inertial_sensor.tracker_misalignment.angle_z": TURN}
+    effects = {"inertial_sensor.tracker_misalignment": {"angle_z": TURN}}
     simulated(tmp_path / "files", 5, effects, manoeuvre="swing")
     swings = []
     for value, error in ((TURN, ""), (TURN + ERROR, ""), (TURN, f"sigma = {ERROR}, ")):
@@ -154,3 +147,209 @@ def test_a_model_of_other_days_changes_nothing(widened, monkeypatch):
         how = SimpleNamespace(date=date), chosen, lambda _, records, __: {"solved": records}
         made.append(flow._without_model(*how, "records", {}, (widened, None))["solved"])
     assert made == ["without", "without", "records"]
+
+
+def test_swings_come_back_with_honest_errors():
+    """Recovery: ten swings, error/sigma of six values within chi-square intervals (family-wise 1 %)."""
+    rows = zip(*(study.one_swing(seed, bounds=0) for seed in range(10)), strict=True)
+    error, sigma, _, size, _ = (np.array(part) for part in rows)
+    low, high = interval(10, 12)
+    ratio = rms(error / sigma)
+    assert np.all((low < ratio) & (ratio < high)), ratio
+    share = dict(zip(study.SWING, sigma.mean(axis=0) / size[0], strict=True))
+    assert share["beta_x"] < 0.01  # 1 %, exact geometry
+    assert share["beta_y"] < 0.01
+    assert share["offset_y"] < 0.03  # 3 %
+    assert share["offset_z"] < 0.03
+
+
+def test_rolls_come_back_with_honest_errors():
+    """Recovery: six rolls of ten segments, error/sigma in their intervals; 0.1 % where determined."""
+    error, sigma, size = np.array([study.one_roll(seed, segments=10)[0] for seed in range(6)]).transpose(2, 0, 1, 3)
+    low, high = interval(6, 12)
+    ratio = rms(error / sigma)
+    assert np.all((low < ratio) & (ratio < high)), ratio
+    assert np.all(np.mean(sigma / size, axis=0) < 1e-3)
+
+
+SHORT = {"roll_s": 10500.0, "roll_disturbed_share": 0.0}
+SWING, ROLL = "2022-05-18", "2022-05-19"
+
+
+def simulated(folder, seed=4, effects=None, **settings):
+    """Truth of an event whose files are in a folder."""
+    return commands.simulated("inertial_sensor", folder, seed, effects, **(SHORT | settings))
+
+
+def run(folder, **settings):
+    """Result document and report product."""
+    return commands.run("inertial_sensor", folder, **settings)
+
+
+def within(estimate, truth, sigma="sigma"):
+    """True if all errors are within 4.5 standard deviations."""
+    pairs = zip(estimate["value"], truth, estimate[sigma], strict=True)
+    return all(abs(value - true) < 4.5 * size for value, true, size in pairs)
+
+
+def one(estimate):
+    """Estimate of one number as one of vectors."""
+    return {name: [value] for name, value in estimate.items()}
+
+
+@pytest.fixture(scope="session")
+def both(tmp_path_factory):
+    """Folder with both days, and the truth."""
+    folder = tmp_path_factory.mktemp("both")
+    return folder, simulated(folder)
+
+
+@pytest.fixture(scope="session")
+def delivered(both, tmp_path_factory):
+    """Document and page; truth; document of the published method; store."""
+    store = tmp_path_factory.mktemp("store")
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setenv("GRAVCAL_PRODUCTS", str(store))
+        document, ref = run(both[0])
+        page = (ref.folder / "report.html").read_text(encoding="utf-8")
+        printed = run(both[0], method="published")[0]
+    return {"document": document, "page": page, "printed": printed, "truth": both[1], "store": str(store)}
+
+
+@pytest.fixture
+def shared_store(delivered, monkeypatch):
+    """Store in which what a test does not change is found."""
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", delivered["store"])
+
+
+@pytest.fixture
+def copied(both, shared_store, tmp_path, monkeypatch):  # noqa: ARG001 - what is not spoiled is found in the store
+    """Copy of the folder with both days; the page is left out."""
+    monkeypatch.setattr(page, "page", lambda *_, **__: "")
+    return shutil.copytree(both[0], tmp_path / "files")
+
+
+def swapped(first, second):
+    """Each variable in place of the other."""
+    return second, first
+
+
+#: Name: product, variables, change, day if not that of the swing.
+CONTRADICTIONS = {
+    "position x and y": ("ORB", ["position"], exchanged(0, 1)),
+    "position zero": ("ORB", ["position"], times(0, first=0.3, count=72)),
+    "velocity in km/s": ("ORB", ["velocity"], times(1e-3)),
+    "orbit late": ("ORB", ["time"], late(120)),
+    "sign of V_y": ("IS1", ["V_y"], times(-1)),
+    # seen once among mutated files: quiet data, offset 4.6 total sigma off
+    "V_z1 of the other sign for six seconds": ("IS1", ["V_z1"], times(-1, first=0.25, count=62)),
+    "V_z1 and V_z2": ("IS1", ["V_z1", "V_z2"], swapped),
+    "V_y and V_x3": ("IS1", ["V_y", "V_x3"], swapped),
+    "V_y frozen": ("IS1", ["V_y"], held()),
+    "V_x1 zero": ("IS1", ["V_x1"], times(0, first=0.3, count=720)),
+    "voltages late": ("IS1", ["time"], late(120)),
+    "attitude components": ("ATT", ["q"], exchanged(1, 2)),
+    "attitude zero": ("ATT", ["q"], times(0, first=0.3, count=288)),
+    "roll, sign of V_x1": ("IS1", ["V_x1"], times(-1), ROLL),
+    "roll, V_z1 in mV": ("IS1", ["V_z1"], times(1e3), ROLL),
+    "roll, voltages late": ("IS1", ["time"], late(120), ROLL),
+    "roll, attitude components": ("ATT", ["q"], exchanged(2, 3), ROLL),
+    "roll, attitude lost": ("ATT", ["q"], times(0), ROLL),
+    "roll, V_x2 and V_x3": ("IS1", ["V_x2", "V_x3"], swapped, ROLL),
+    "roll, orbit x and z": ("ORB", ["position", "velocity"], exchanged(0, 2), ROLL),
+}
+
+
+def spoil(folder, product, names, change, day=SWING):
+    """Change variables of one file together."""
+    netcdf(folder / f"{product}_{day}_T_01.nc", names, change)
+
+
+@pytest.mark.parametrize("name", CONTRADICTIONS)
+def test_what_contradicts_itself_is_an_error_or_questionable(copied, name):
+    """Contract: a number that rests on such files is never delivered without a word."""
+    spoil(copied, *CONTRADICTIONS[name])
+    try:
+        document, _ = run(copied)
+    except GravcalError:
+        return
+    assert document["status"] == "questionable"
+    failed = [one["name"] for one in document["checks"] if not one["passed"]]
+    assert all(one in document["verdict"]["text"] for one in failed)
+
+
+def test_a_clean_event_keeps_to_every_check(delivered):
+    """Recovery: swing and roll, every check there and none failed."""
+    assert delivered["document"]["status"] == "delivered"
+    assert [one["passed"] for one in delivered["document"]["checks"]] == [True] * 23
+
+
+def test_scales_that_nothing_contradicts_leave_offset_and_status(copied, delivered):
+    """Contract: ten percent on all voltages of both days is what a scale factor is; documented as not detectable."""
+    for day in (SWING, ROLL):
+        spoil(copied, "IS1", ["V_x1", "V_x2", "V_x3", "V_y", "V_z1", "V_z2"], times(1.1), day)
+    document, _ = run(copied, k_y=2.7e-4 / 1.1)
+    assert document["status"] == "delivered"
+    before, after = (one["swing"]["adopted"]["value"] for one in (delivered["document"], document))
+    assert np.allclose(after, before, atol=5)  # um, k_z of the drag in the noise
+
+
+def test_a_world_of_other_code_keeps_to_every_check(tmp_path):
+    """Recovery: a swing of the independent simulator."""
+    folder = worlds.make("swing", 3, tmp_path)
+    document, _ = run(folder / "data", arm_x_mm=8.0, k_y=3e-4)
+    assert [one["name"] for one in document["checks"] if not one["passed"]] == []
+
+
+def test_the_adopted_offset_has_the_smallest_total_error(tmp_path):
+    """Recovery: k_y 11 % off makes z with a_y wrong; the solution without it is adopted, printed, judged, used."""
+    truth = simulated(tmp_path, 2, k_y=3e-4, offset_um=[-140.0, 627.75, -2500.0])
+    document, _ = run(tmp_path)
+    swing, adopted = document["swing"], document["swing"]["adopted"]
+    total = {name: np.linalg.norm(swing[name]["sigma_total"]) for name in page.OFFSETS}
+    error = {name: np.abs(np.subtract(swing[name]["value"], truth["com_to_test_mass_um"]))[2] for name in page.OFFSETS}
+    assert adopted["solution"] == min(total, key=total.get) == "com_to_test_mass_without_y_um"
+    assert error["com_to_test_mass_without_y_um"] < error["com_to_test_mass_um"] / 3
+    assert {k: adopted[k] for k in ("value", "sigma", "sigma_total")} == swing[adopted["solution"]]
+    text = document["verdict"]["text"]
+    assert f"{adopted['value'][2]:.0f} +- {adopted['sigma_total'][2]:.0f} um (without a_y)" in text
+    assert f"+- {document['roll']['bias']['sigma_total'][0]:.0e}, b_z" in text
+
+
+def test_requirements_are_judged_on_the_total_error():
+    """Analytic: noise far below the claim, total above it: not met."""
+    k = {"value": 5e-4, "sigma": 1e-6, "sigma_total": 2e-5}
+    offset = {"solution": page.OFFSETS[0], "value": [-100.0, 600.0, -900.0], "sigma": [9.0, 6.0, 6.0]}
+    bias_x = {"value": [-2.6e-4, None, 3e-6], "sigma": [9e-10, None, 1e-9], "sigma_total": [8.6e-6, None, 1e-7]}
+    roll = {"bias": bias_x, "segments": 9, "segments_found": 9}
+    swing = {"k": {"x": k, "y": None, "z": k}, "adopted": offset | {"sigma_total": [9.0, 30.0, 86.0]}}
+    text = page.verdict({"status": "delivered", "swing": swing, "roll": roll})
+    assert "b_x -2.60000e-04 +- 9e-06" in text
+    assert "-900 +- 86 um" in text
+    claims = "k 4 % (not met, 1 %), offset in y and z 9.6 % (not met, 3 %), bias 3.3 % (not met, 0.1 %)"
+    assert f"Total error against the claim of the paper: {claims}" in text
+
+
+@pytest.mark.parametrize("segments", [3, 11])
+def test_the_noise_of_z_is_that_of_white_noise_of_known_density(segments):
+    """Recovery: 3.2e-9 m s-2 Hz-1/2 at 10 Hz through bins and spectra, to 2 %; half a percent is a standard error."""
+    rng, density, k = np.random.default_rng(8), 3.2e-9, 1.14e-4
+    count, power = 250 * segments, []
+    time = 5.0 + 10.0 * np.arange(count)
+    c, s, o, e = (np.cos(time / 115), np.sin(time / 115), 0 * time, 0 * time + 1)
+    record = {
+        "time": time,
+        "R_bo": np.stack([c, o, -s, o, e, o, s, o, c], axis=-1).reshape(-1, 3, 3),
+        "rate_b": np.broadcast_to([0.0, 1 / 115, 0.0], (count, 3)),
+        "gradient_b": np.broadcast_to(1.2e-6 * np.diag([2.0, -1.0, -1.0]), (count, 3, 3)),
+    }
+    sensor = SimpleNamespace(k=np.array([1.0, 1.0, k]), offset=np.zeros(3))
+    solved = SimpleNamespace(used=np.ones(segments, dtype=bool))
+    limits = bias.Limits(step_s=10.0, segment_s=2500.0, uniformity=1.0, share=0.0)
+    for _ in range(120 // segments):
+        volts = np.zeros((100 * count, 3))
+        volts[:, 2] = density * np.sqrt(5.0) / k * rng.standard_normal(100 * count)
+        record["linear_volt"], _ = align.clipped_means(0.1 * np.arange(100 * count), volts, 10.0 * np.arange(count + 1))
+        power.append(page.z_noise(**bias.spectra(record, solved, sensor, k, limits)))
+    for name in ("before_m_s2_rthz", "after_m_s2_rthz"):
+        assert np.sqrt(np.mean([one[name] ** 2 for one in power])) == pytest.approx(density, rel=0.02)

@@ -7,29 +7,16 @@ import pytest
 import xarray as xr
 from numpy.testing import assert_allclose
 
+from gravcal import catalog
 from gravcal.calibrations.inertial_sensor import align, bias, observed_roll
 from gravcal.calibrations.inertial_sensor.estimate import Record, factor_y, linear_factors, published_offset_matrix
 from gravcal.calibrations.inertial_sensor.noise import power_laws
+from gravcal.effects import inertial_sensor as electrodes
 from gravcal.estimation import noise
 from gravcal.estimation.noise import coloured
 from gravcal.physics import frames, kinematics, sensing
-
-
-def test_a_constant_rate_turns_about_its_axis():
-    """Analytic: rate w for t turns by w t."""
-    time = np.linspace(0, 100, 1001)
-    rate = np.broadcast_to([1e-3, -2e-3, 5e-4], (1001, 3))
-    reached = kinematics.attitude_from_rates(time, rate, [1.0, 0, 0, 0])
-    assert_allclose(frames.rotation_vector(reached[-1]), 100 * rate[0], atol=1e-13)  # rounding
-
-
-def test_integration_agrees_with_the_derivative_of_the_attitude():
-    """Analytic: differencing the attitude gives the rate back to the second order of the step."""
-    time = np.arange(0, 60, 0.1)
-    rate = 1e-4 * np.stack([np.sin(time / 4), np.cos(time / 5), 0 * time], axis=1) + [0, -1e-3, 0]
-    q = kinematics.attitude_from_rates(time, rate, [1.0, 0, 0, 0])
-    turn = frames.attitude_error(q[2:], q[:-2]) / 0.2
-    assert_allclose(turn, rate[1:-1], atol=1e-4 * (0.1 / 4) ** 2)  # h^2 w''/6 of the difference
+from gravcal.simulation import by_slug
+from gravcal.simulation import inertial_sensor as simulation
 
 
 def test_a_small_change_of_rates_moves_the_attitude_to_first_order():
@@ -89,18 +76,6 @@ def test_the_orbit_frame_is_that_of_the_sensor_in_normal_pointing():
     assert_allclose(np.cross(R_oi[2], R_oi[0]), R_oi[1], atol=1e-15)
 
 
-def test_a_segment_gives_back_its_constant():
-    """Analytic: constant, quadratic trend and rolling accelerations with cubic amplitudes, no noise."""
-    u = np.linspace(-1, 1, 250)
-    phase = 0.0098 * 10 * np.arange(250)
-    c, s, o, e = np.cos(phase), np.sin(phase), 0 * phase, 0 * phase + 1
-    R_bo = np.stack([c, o, -s, o, e, o, s, o, c], axis=-1).reshape(-1, 3, 3)
-    reading = -3e-6 + 1e-9 * u + 2e-9 * (1.5 * u**2 - 0.5) + 5e-8 * (1 + u**3) * R_bo[:, 2, 2] + 3e-9 * R_bo[:, 2, 0]
-    constant, _, residual, amplitude = bias.solve_axis(2, reading[:, None], R_bo, bias.Model(2, 3))
-    assert_allclose(constant, -3e-6, rtol=1e-9)  # rounding
-    assert np.abs(residual).max() < 1e-18
-
-
 def test_rolling_leaves_a_constant_offset_term():
     """Published: Omega^2 p of erratum T-10 with the offset of Table 5: 1.1e-8 and 6.8e-8 m s-2 for 724 s."""
     rate = np.broadcast_to([0.0, 2 * np.pi / 724, 0.0], (100, 3))
@@ -115,15 +90,6 @@ def test_segments_stop_at_a_gap():
     assert [part.start for part in bias.cut(time, 10.0, 100.0)] == [0, 10, 20, 30, 40]
 
 
-def test_a_robust_mean_ignores_an_outlier():
-    """Recovery: four hundred values and one far away; error below half a standard error."""
-    values = np.random.default_rng(4).standard_normal(400)
-    plain = bias.robust_mean(values, np.ones(400))
-    moved = bias.robust_mean(np.append(values, 1e3), np.ones(401))
-    assert abs(moved.value - plain.value) < 0.5 / np.sqrt(400)
-    assert abs(plain.sigma * np.sqrt(400) - 1) < 1e-12  # the errors given
-
-
 def test_a_mean_of_wandering_values_contains_the_wander():
     """Recovery: 300 series of 100, a Markov wander of 2.3 times the noise: the mean is that of the wander."""
     from scipy.signal import lfilter
@@ -135,8 +101,13 @@ def test_a_mean_of_wandering_values_contains_the_wander():
     assert 0.87 < np.sqrt(np.mean(np.square(ratio))) < 1.13  # 3 standard errors; 1.16 with weights about the mean
 
 
-def test_a_mean_with_holes_does_not_know_the_wander_in_them():
+def test_a_mean_knows_no_outlier_no_wander_in_its_holes_and_no_error_of_two_values():
     """Analytic: runs of 6 and 8 of 44 values left out of a wander add its size times 10 / 44."""
+    many = np.random.default_rng(4).standard_normal(400)
+    plain, moved = bias.robust_mean(many, np.ones(400)), bias.robust_mean(np.append(many, 1e3), np.ones(401))
+    assert abs(moved.value - plain.value) < 0.5 / np.sqrt(400)
+    assert_allclose(plain.sigma, 1 / np.sqrt(400), rtol=1e-12)  # the errors given
+    assert all(np.isnan(bias.robust_mean(np.ones(size), np.ones(size)).sigma) for size in (0, 2))
     values = 2 * np.random.default_rng(4).standard_normal(30)
     mean = bias.robust_mean(values, np.full(30, 1e-3), missing=(6, 8))
     assert_allclose(mean.sigma, mean.wander * 10 / 44, rtol=1e-4)  # noise 1e-3 beside it
@@ -171,11 +142,6 @@ def test_the_printed_matrix_differs_in_one_element():
     expected = np.zeros((3, 3))
     expected[2, 0] = 2 * wd[1]
     assert_allclose(difference, expected, atol=1e-20)
-
-
-def test_too_few_segments_have_no_error():
-    """Analytic: fewer than three values say nothing about their scatter."""
-    assert all(np.isnan(bias.robust_mean(np.ones(size), np.ones(size)).sigma) for size in (0, 2))
 
 
 def test_the_error_of_a_model_is_in_the_bias_of_a_roll():
@@ -255,3 +221,48 @@ def test_a_swing_shows_the_factor_of_y(moving):
         assert total == pytest.approx(np.hypot(sigma, found * np.hypot(0.01, 0.03)), rel=0.1)  # of beta_x and ratio_y
     else:
         assert not 0 < total < found / 3
+
+
+SETTINGS = {"manoeuvre": "swing", "quiet_s": 60.0, "swing_s": 60.0}
+START = 706104000.0
+
+
+def record(effects=None):
+    """Record of a swing with effects, and its truth."""
+    chosen = catalog.parameters("simulate_inertial_sensor").with_settings(SETTINGS)
+    spans, truth = simulation.simulate(catalog.satellite("T").settings(), chosen, START, 3, by_slug(effects or {}))
+    return next(spans), truth
+
+
+@pytest.fixture(scope="module")
+def plain():
+    """The same swing without effects."""
+    return record()[0]
+
+
+@pytest.mark.parametrize(("name", "size"), [("bias_drift.x", 1e-12), ("quadratic.x", 2e-4)])
+def test_linear_effects_stand_in_the_voltages(plain, name, size):
+    """Analytic: with the same noise drift times time over k; q V^2 of four electrodes, with V of bias over four k."""
+    found, truth = record({f"inertial_sensor.{name}": size})
+    before, after = (electrodes.readouts(one["IS1"]["volts"])[:, 0] for one in (plain, found))
+    moved = (after - before) * truth["k"][0]
+    if name == "bias_drift.x":
+        assert_allclose(moved, size * (found["IS1"]["time"] - START), atol=1e-18)  # rounding of 0.5 V
+        assert truth["effects"] == {"inertial_sensor.bias_drift": {"x": size}}
+    else:
+        assert_allclose(moved, size * truth["bias"][0] ** 2 / truth["k"][0] / 4, rtol=1e-2)  # modulation
+
+
+def test_a_turned_tracker_shows_a_turned_attitude(plain):
+    """Analytic: constant small rotation from one attitude to the other."""
+    found, _ = record({"inertial_sensor.tracker_misalignment.angle_z": 1e-3})
+    turn = frames.attitude_error(found["ATT"]["quaternion"], plain["ATT"]["quaternion"])
+    assert_allclose(turn, np.broadcast_to([0, 0, 1e-3], turn.shape), atol=1e-7)  # second order in the noise
+
+
+@pytest.mark.parametrize("name", ["cross_coupling.y_from_x", "stiffness.y", "loop_delay.delay"])
+def test_the_other_effects_move_the_readings(plain, name):
+    """Contract: something changes, and only in the voltages."""
+    found, _ = record({f"inertial_sensor.{name}": 1e-2})
+    assert np.any(found["IS1"]["volts"] != plain["IS1"]["volts"])
+    assert np.all(found["ATT"]["quaternion"] == plain["ATT"]["quaternion"])

@@ -1,4 +1,4 @@
-"""The simulated calibration day: what each effect changes, what noise and clocks look like, and the truth."""
+"""Simulated days: what each effect of com_offset and of ranging changes, what clocks look like, and the truth."""
 
 import json
 
@@ -9,7 +9,9 @@ from numpy.testing import assert_allclose
 from flows.calibration import known, load
 from gravcal import catalog
 from gravcal.effects import catalogue, effect
+from gravcal.effects.ranging import EFFECTS
 from gravcal.errors import CatalogError
+from gravcal.simulation import kbr_phase_centre as simulation
 from gravcal.simulation.com_offset import simulate
 
 DAY = 633787200.0  # GPS s, 2020-02-01 12:00:00 before the epoch of a day file; any midnight will do
@@ -67,10 +69,7 @@ def differs(one, other, rounding):
 
 @pytest.mark.parametrize("slug", SLUGS)
 def test_an_effect_changes_the_channel_it_claims_and_no_other(plain, slug):
-    """Contract: noise and all other columns stay as they were, bit by bit.
-
-    A delay moves the epochs at which integration steps end, so there the rest may round otherwise.
-    """
+    """Contract: all other columns stay bit by bit; beside a delay, which moves integration steps, but for rounding."""
     columns, truth = plain
     start = truth["manoeuvres"][0]["start"]
     changed, told = event(effects={slug: strengths(slug, start)})
@@ -144,13 +143,6 @@ def test_clock_files_undo_the_tags():
     assert gps[first + 1] > start - 1e-6
 
 
-def test_a_day_without_manoeuvre_flies_too():
-    """Contract: an empty list gives a record under control, with currents below the manoeuvre's."""
-    columns, truth = event(manoeuvres=(), quiet_s=300.0)
-    assert truth["manoeuvres"] == []
-    assert max(np.abs(columns["MAG1B"][n]).max() for n in columns["MAG1B"] if n.startswith("torque")) < 10.0  # mA
-
-
 def test_an_unknown_effect_or_parameter_is_refused():
     """Contract: a typing error does not give clean data."""
     from gravcal.simulation import by_slug
@@ -167,3 +159,49 @@ def test_an_effect_of_another_instrument_is_refused(name, tmp_path):
     with pytest.raises(CatalogError, match="no channel for it"):
         load(name).simulate(tmp_path, seed=1, effects={foreign: 1e-3})
     assert not any(tmp_path.iterdir())
+
+
+MIDNIGHT = 653011200.0 - 43200.0
+#: What is hidden, a statistic of what it adds, and its value with a tolerance; the arms are of the truth.
+ASKED = {
+    "ranging.antenna_correction": ({"share": 1.0}, np.median, lambda arms: -arms, 2e-3),
+    "attitude.star_camera_noise": ({"share_5_10_mhz": 100.0}, None, None, None),
+    "ranging.phase_centre": ({"x_a": 1e-3}, np.median, lambda _: -1e-3, 1e-5),
+    "ranging.star_camera_misalignment": ({"pitch_a": 1e-3}, None, None, None),
+    "ranging.once_per_revolution": ({"sine": 1e-3}, np.std, lambda _: 1e-3 / np.sqrt(2), 3.5e-5),
+    "ranging.thermal": ({"swing": 1e-4}, np.max, lambda _: 1e-4, 1e-6),
+    "ranging.slow_orbit_error": ({"cosine": 1e-3}, np.std, lambda _: 1e-3 / np.sqrt(2), 3.5e-5),
+    "ranging.phase_centre_drift": ({"x_a": 1e-8}, np.ptp, lambda _: 8.64e-4, 8.64e-7),
+    "ranging.phase_centre_curvature": ({"pitch_a": 1e-3}, np.max, lambda _: 1e-3 * np.radians(3) ** 2, 2.7e-7),
+}
+
+
+def ranges(effects):
+    """Biased range of a simulated day, and truth."""
+    chosen = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0, "noise": "benign"})
+    columns, truth = simulation.simulate("CD", chosen, MIDNIGHT, 3, effects)
+    return columns["KBR1B", "Y"]["biased_range"], truth
+
+
+@pytest.fixture(scope="module")
+def unhidden():
+    """The day without effect."""
+    return ranges({})
+
+
+@pytest.mark.parametrize("slug", sorted(ASKED))
+def test_an_effect_changes_the_range_by_what_it_is(unhidden, slug):
+    """Analytic: antenna correction 2.89 m, an arm longer by 1 mm, waves of 1 mm, warmth from 0 to 1, a day, 3 deg."""
+    before, truth = unhidden
+    hidden, statistic, expected, tolerance = ASKED[slug]
+    added = ranges({slug: hidden})[0] - before
+    assert np.ptp(added) > 0
+    if statistic:
+        arms = sum(truth["phase_centre_mm"][letter][0] for letter in "CD") / 1e3
+        assert statistic(added) == pytest.approx(expected(arms), abs=tolerance)
+
+
+def test_every_effect_of_the_family_is_asked_here_or_elsewhere():
+    """Contract: no effect of ranging is listed that a simulation cannot hide."""
+    known = {"ranging.multipath", "ranging.phase_break", "ranging.delay", "ranging.scale"}
+    assert {entry.slug for entry in EFFECTS} == known | set(ASKED)

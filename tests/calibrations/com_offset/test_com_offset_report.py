@@ -1,0 +1,252 @@
+"""Result document and page of a centre-of-mass event, from the products of simulated records."""
+
+import base64
+import json
+import re
+from xml.etree import ElementTree
+
+import com_offset_chain as tools
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib import rc_context
+from numpy.testing import assert_allclose
+
+from gravcal import catalog
+from gravcal.calibrations.com_offset import page
+from gravcal.calibrations.com_offset.align import OUTLIER
+from gravcal.calibrations.com_offset.model import VARIANTS, survey
+from gravcal.errors import ProductError
+from gravcal.io.vcm import read_line
+from gravcal.report import documents, pages
+from gravcal.report.figures import STYLE, image
+from gravcal.report.plain import plus_minus
+from gravcal.store.schemas import validate
+
+EVENT = "grace-c-2020-02-01"
+SETTINGS = catalog.parameters("com_offset").for_report() | tools.SATELLITE
+WITHOUT_FIGURES = dict.fromkeys(("field", "align", "attitude", "survey"))
+WITHOUT_FIGURES |= {f"{kind}.{name}": None for kind in ("solve", "angular_acceleration") for name in VARIANTS}
+
+
+def made(**settings):
+    """Products of a simulated record, by the names of the report."""
+    found = tools.chain(tools.event(7, **settings)[0])
+    of_variants = [(kind, found.pop(kind)) for kind in ("solve", "angular_acceleration")]
+    named = {f"{kind}.{name}": one for kind, every in of_variants for name, one in every.items()}
+    return found | named | {"survey": survey(found["align"], found["field"])}
+
+
+@pytest.fixture(scope="module")
+def products():
+    """Products of a pitch, a roll and a yaw."""
+    return made(manoeuvres=("pitch_high", "roll_high", "yaw_low"))
+
+
+@pytest.fixture(scope="module")
+def quiet_products():
+    """Products of a record without manoeuvre."""
+    return made(manoeuvres=(), quiet_s=120.0)
+
+
+def document_of(products, event=EVENT):
+    """Result document."""
+    head = {"schema_version": "1.0", "calibration": "com_offset", "event": event}
+    known = {"products": {"com_offset.combine": "ab" * 32}, "inputs": {"ACC1A_2020-02-01_C_04.txt": "cd" * 32}}
+    found = head | page.result(products, SETTINGS) | {"settings": SETTINGS, "provenance": known}
+    return documents.judged(json.loads(json.dumps(found, default=np.ndarray.tolist)), (), [])
+
+
+@pytest.fixture(scope="module")
+def document(products):
+    """Document of the event with three manoeuvres."""
+    return document_of(products)
+
+
+def moved(products, stage, **changes):
+    """Products with other values in some variables of one of them."""
+    one = products[stage]
+    values = {name: one[name].copy(data=np.broadcast_to(value, one[name].shape)) for name, value in changes.items()}
+    return products | {stage: one.assign(values)}
+
+
+def undetermined(products, axes):
+    """Products whose combination leaves axes open."""
+    known = ~np.isin(np.arange(3), axes) & np.ones((4, 1), dtype=bool)
+    offset = np.where(known, products["combine"]["offset"].values, np.nan)
+    return moved(products, "combine", offset=offset, determined=known.astype(int))
+
+
+def test_a_document_is_in_micrometres_with_its_errors(products, document):
+    """Contract: JSON Schema, no NaN; um of m, both errors; null in value, sigma, row and column without a lever."""
+    validate(json.loads(json.dumps(document, allow_nan=False)))
+    assert (document["status"], document["direction"]) == ("delivered", "proof_mass_to_com")
+    combined = products["combine"]
+    for k, block in enumerate(document["variants"].values()):
+        assert_allclose(block["offset_um"], 1e6 * combined["offset"].values[k], rtol=1e-12)
+        for name in ("", "_total"):
+            sigma = 1e6 * np.sqrt(np.diag(combined[f"covariance{name}"].values[k]))
+            assert_allclose(block[f"sigma{name}_um"], sigma, rtol=1e-9)
+    (block,) = [one["variants"]["acc"] for one in document["manoeuvres"] if one["kind"] == "pitch"]
+    assert block["offset_um"][1] is block["sigma_um"][1] is None
+    assert [row[1] for row in block["covariance_um2"]] == block["covariance_um2"][1] == [None] * 3
+    assert block["covariance_um2"][0][0] is not None
+    flag = np.where(np.arange(products["align"].sizes["time_acc"]) == 7, OUTLIER, 0)
+    flagged = moved(products, "align", acc_flag=flag, sca_flag=0)
+    assert document_of(flagged)["outliers"] == {"ACC1A": 1, "SCA1B": 0}
+
+
+def test_what_is_undetermined_is_not_delivered(products):
+    """Contract: without z the best of what is there is adopted and z stays null; without all status failed."""
+    document = document_of(undetermined(products, [2]))
+    validate(document)
+    assert document["variants"]["mtq"]["offset_um"][2] is None
+    assert document["verdict"]["requirement"][2] == "undetermined"
+    assert document["verdict"]["accuracy_met"] is False
+    assert page.vcm_line(document, "C") is None
+    document = document_of(undetermined(products, [0, 1, 2]))
+    validate(document)
+    assert (document["status"], document["adopted"]["variant"]) == ("failed", None)
+
+
+def test_a_record_without_manoeuvre_says_what_was_measured(quiet_products):
+    """Contract: field check, attitude residual, roll response beside the expected one; no table of offsets."""
+    document = document_of(quiet_products)
+    validate(document)
+    assert (document["status"], document["manoeuvres"]) == ("no_manoeuvre", [])
+    assert_allclose(document["field_check"]["bias_nt"], 1e9 * quiet_products["field"]["bias"].values)
+    rms = np.sqrt(np.mean(quiet_products["attitude"]["sca_residual_b"].values ** 2, axis=0))
+    assert_allclose(document["attitude"]["rms_urad"], 1e6 * rms)
+    assert document["roll_response"]["value"] == pytest.approx(float(quiet_products["survey"]["slope"]))
+    assert document["roll_response"]["expected"] == {"value": 0.0028, "sigma": 0.0003}
+    assert page.vcm_line(document, "C") is None
+    html = page.html(document, quiet_products, {})
+    assert "No manoeuvre in the torquer currents" in html
+    assert html.count("<figure>") == 3
+    assert "Every manoeuvre" not in html
+    without = document_of(quiet_products | {"combine": None, "survey": None})
+    validate(without)
+    assert without["roll_response"] is None
+
+
+def test_what_repeats_its_prior_or_is_not_known_is_null(products):
+    """Contract: value and error both or neither; an error of 0.1 is the prior of a torque scale, x a mean of three."""
+    sigma = np.array([0.01, 0.02, 0.1])
+    smoothed = moved(products, "attitude", sca_delay=np.nan, torque_scale=1.01, torque_scale_sigma=sigma)
+    document = document_of(smoothed)
+    assert document["delays_s"]["sca"] == {"value": None, "sigma": None}
+    assert document["delays_s"]["acc"]["sigma"] == pytest.approx(float(products["attitude"]["acc_delay_sigma"]))
+    torque = document["scales"]["torque"]
+    assert torque["value"][2] is None
+    assert_allclose(torque["sigma"][0], 0.01 / np.sqrt(3))
+
+
+@pytest.mark.parametrize(("chi2", "verdict"), [(5.0, "consistent"), (50.0, "not consistent")])
+def test_the_agreement_of_the_manoeuvres_is_judged_at_its_level(products, chi2, verdict):
+    """Analytic: chi-square c of 6 degrees of freedom at a level of 1 %; p = exp(-c/2) (1 + c/2 + (c/2)^2 / 2)."""
+    test = document_of(moved(products, "combine", chi2=chi2, dof=6))["consistency"]["manoeuvres"]
+    assert test["verdict"] == verdict
+    assert test["p"] == pytest.approx(np.exp(-chi2 / 2) * (1 + chi2 / 2 + chi2**2 / 8), rel=1e-9)
+    assert set(test["by_variant"]) == set(VARIANTS)
+
+
+def test_the_smallest_total_error_is_adopted_and_the_requirement_is_asked_with_it(products):
+    """Issue 20: whatever the noise alone says; 107 um with a total error of 10 um cannot be told from 100 um."""
+    total = np.diag([1e-10, 1e-12, 1e-12]) * np.array([9.0, 4.0, 1.0, 3.0])[:, None, None]
+    offset, noise = np.array([107.0, 3.7, -12.4]) * 1e-6, total * np.array([1.0, 1.0, 1.0, 0.01])[:, None, None]
+    known = moved(products, "combine", offset=offset, determined=1, covariance=noise, covariance_total=total)
+    document = document_of(known)
+    assert document["adopted"]["variant"] == "acc"
+    assert document["verdict"]["requirement"] == ["undecided", "within", "within"]
+    assert document["verdict"]["accuracy_met"] is True
+    determined = np.where(np.arange(4)[:, None] < 3, [1, 1, 0], 1)
+    assert document_of(moved(known, "combine", determined=determined))["adopted"]["variant"] == "sca"
+
+
+def test_the_adopted_offset_goes_into_a_vcm_line(document):
+    """Analytic: round trip, in force from the second after the last manoeuvre; a comment if it was not measured."""
+    line = page.vcm_line(document, "C")
+    record, adopted = read_line(line), document["variants"][document["adopted"]["variant"]]["offset_um"]
+    assert_allclose(record.values, 1e-6 * np.array(adopted), rtol=1e-12)
+    assert record.time == np.ceil(document["manoeuvres"][-1]["stop"])
+    assert record.satellite == "C"
+    for origin in ("simulated", "mixed"):
+        marked = page.vcm_line(document | {"origin": origin}, "C")
+        assert marked.startswith(f"# {origin.upper()} data")
+        assert marked.endswith(line)
+        with pytest.raises(ProductError):
+            read_line(marked)
+
+
+def beside_printed(document, products):
+    """Page of the event beside its printed values."""
+    return page.html(document, products, catalog.published("com_offset", EVENT), page.vcm_line(document, "C"))
+
+
+@pytest.fixture(scope="module")
+def html(document, products):
+    """Page of the event, which all tests look at."""
+    return beside_printed(document, products)
+
+
+def test_the_page_says_the_numbers_of_the_document(html, document, products):
+    """Contract: nothing from outside; verdict first, every combined offset with both errors, the printed, 7 figures."""
+    assert html.count("<img") == html.count('<img src="data:')
+    assert [word for word in ("://", "<script", "<link", "url(") if word in html] == []
+    assert len(html) < 2e6
+    assert beside_printed(document, products) == html  # no clock, no machine, no memory address
+    body = html[html.index("<body>") :]
+    assert body.index("Delivered:") < body.index("<h1>")
+    for block in document["variants"].values():
+        for value, sigma, total in zip(*(block[n] for n in ("offset_um", "sigma_um", "sigma_total_um")), strict=True):
+            assert plus_minus(value, sigma, total) in body
+    assert "113.5 ± 0.5" in body  # Table 6, acc_calibrated
+    assert page.vcm_line(document, "C") in body
+    assert [int(n) for n in re.findall(r"<b>Figure (\d+)\.</b>", html)] == list(range(1, 8))
+
+
+def test_printed_values_beside_a_simulated_event_are_marked(html, document, products):
+    """Contract: banner first; every table and figure with printed values says that they belong to measured data."""
+    simulated = documents.judged(document, [xr.Dataset(attrs={"origin": "simulated"})], [])
+    text = page.html(simulated, products | WITHOUT_FIGURES, catalog.published("com_offset", EVENT))
+    body = text.partition("<body>")[2]
+    assert body.index('class="origin">Simulated data') < body.index("SIMULATED. Delivered:") < body.index("<h1>")
+    mark = "What is printed belongs to measured data, this event is simulated."
+    assert text.count(mark) == 3
+    assert mark not in html
+    assert "Hollow: printed values. " + mark in text
+
+
+def test_what_is_missing_is_left_out_and_said(products):
+    """Contract: a figure without its product; the gap of a manoeuvre that is not used; names are text, not HTML."""
+    smoothed = moved(products, "attitude", gap=[0, 1, 0])
+    html = page.html(
+        document_of(smoothed, "<b>x</b>"), products | WITHOUT_FIGURES | {"attitude": smoothed["attitude"]}, {}
+    )
+    assert html.count("<figure>") == 2  # estimates, from the document; attitude
+    assert html.count("not used: gap in orbit") == 1
+    assert "<b>x</b>" not in html
+
+
+def test_printed_manoeuvres_are_matched_by_kind_and_latitude(document):
+    """Published: Table 7; ours are pitch and roll at high, yaw at low latitude."""
+    found = page.printed_manoeuvres(document, catalog.published("com_offset", EVENT))
+    kinds = [one["kind"] for one in document["manoeuvres"]]
+    assert found[kinds.index("pitch"), "mtq"].value == (109.5, None, 22.9)
+    assert found[kinds.index("yaw"), "mtq"].value == (-6.0, 1.8, 8.8)
+
+
+@pytest.mark.parametrize("which", range(10))
+def test_figures_are_drawn(products, quiet_products, document, which):
+    """Contract: seven of an event, three of none; well-formed SVG, labelled panels, numbers only."""
+    sections = page.event_sections(document, {}) if which < 7 else page.survey_sections(document_of(quiet_products))
+    drawn = [one for section in sections for one in section.figures][which % 7]
+    given = pages.arguments(drawn, products if which < 7 else quiet_products)
+    with rc_context(STYLE):
+        panels = drawn.draw(*given).axes
+    assert any("(" in text for panel in panels for text in (panel.get_ylabel(), panel.get_title(loc="left")))
+    curves = [line.get_ydata() for panel in panels for line in panel.lines]
+    assert any(np.isfinite(np.asarray(values, dtype=float)).any() for values in curves)
+    text = base64.b64decode(image(drawn.draw, *given).partition(",")[2])
+    assert ElementTree.fromstring(text).tag.endswith("svg")
+    assert b"nan" not in text
