@@ -59,11 +59,6 @@ class Limits:
 def discover(observed: Observations | None, limits: Limits) -> xr.Dataset:
     """What the model of an event gets wrong, and why.
 
-    Parameters
-    ----------
-    observed : Observations, None where there is nothing to look at
-    limits : Limits
-
     Returns
     -------
     found : Dataset of kind discovery; attribute `numbers` holds the summary as JSON
@@ -79,17 +74,6 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
 
     The effects are added to the rows again in their linear form, so that the search finds them whole, with their errors
     by the noise that is left. What describes the record worse than the first search is not taken.
-
-    Parameters
-    ----------
-    observed : Observations of the records without the effects that were found
-    limits : Limits
-    first : Dataset of kind discovery
-    model : what it found
-
-    Returns
-    -------
-    found : Dataset of kind discovery
     """
     before = json.loads(first.attrs["numbers"])
     gains = [(one["cause"], one["heldout_gain"]["in_sample_chi2"]) for one in before.get("findings", [])]
@@ -104,11 +88,6 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
 
 def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
     """Raise if an entry in no list names no driver of this calibration: its effect would stay in the records unseen.
-
-    Parameters
-    ----------
-    observed : Observations, None where there is nothing to look at
-    model : entries of a model file
 
     Raises
     ------
@@ -128,14 +107,7 @@ def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
 
 
 def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits, say: Callable):
-    """Product of a search with the detection limits of its event among its numbers.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    observed, limits : of the search that gave it
-    say : is told how far it is
-    """
+    """Product of a search with the detection limits of its event among its numbers."""
     if observed is None:
         return found
     left = np.column_stack([found["residual_after"].values, found["found_columns"].values])
@@ -223,13 +195,6 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     Lines are looked for in what the rounds leave before any of it is called an excess, and what happens at an epoch
     again near it, so that what an epoch half a spacing off leaves gets no name; both are tried beside all others in
     rounds that begin anew.
-
-    Parameters
-    ----------
-    observed : Observations
-    rows : its blocks
-    choice : Choice
-    seed : of the draws of noise
     """
     result = search(rows, observed.candidates, replace(choice, excess=False), random_source(seed, rows))
     found: list[Line] = []
@@ -517,14 +482,7 @@ def _line(grid, gains, made_of, about):
 
 
 def amplitude(line: Line, parameters: dict, name: str = "amplitude") -> dict:
-    """Frequency and amplitude, rms over the manoeuvres less what noise adds, {name: {"value", "sigma", "unit"}}.
-
-    Parameters
-    ----------
-    line : Line
-    parameters : cosines and sines as a finding has them
-    name : of the amplitude
-    """
+    """Frequency and amplitude, rms over the manoeuvres less what noise adds, {name: {"value", "sigma", "unit"}}."""
     rows = [p for p in parameters.values() if np.isfinite(p["value"])]
     squares, errors = (np.array([p[n] for p in rows]) ** 2 for n in ("value", "sigma"))
     size = np.sqrt(max(2 * np.mean(squares - errors), 0.0))

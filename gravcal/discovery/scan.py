@@ -165,7 +165,6 @@ def line_gain(
 
     Parameters
     ----------
-    problem, baseline, rest, channel : as of `lines`
     axis : of the line, -1 for all three
     grid : (f,) Hz
     """
@@ -268,8 +267,6 @@ def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarr
 
     Parameters
     ----------
-    block : Block
-    channel : name
     frequency : Hz
     axes : indices of axes
     """
@@ -314,9 +311,7 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
 
     Parameters
     ----------
-    problem : Problem
     rest : (n, 1 + d) a block, observed and drawn residuals, as of `residuals_of`
-    channel : name
     """
     numbers, spacing, series = _series(problem.blocks, rest, channel)
     begins = [problem.blocks[k].time[problem.blocks[k].channel == channel].min() for k in numbers]
