@@ -63,37 +63,32 @@ DEFAULT = "com_offset"  # calibration of demo and serve
 VERIFIED_BYTES_PER_S = 100e6  # read, hashed and decoded on one core; only for the time left
 
 
-def complete_calibrations(incomplete: str) -> list[str]:
-    """Calibrations that begin so."""
-    return _beginning(known(), incomplete)
-
-
-def complete_events(incomplete: str) -> list[str]:
-    """Events of the catalogue and of the store."""
+def complete_events() -> list[str]:
+    """Events of the catalogue and of the store; typer keeps those that begin as was typed."""
     names = {path.name for path in (location.folder() / "latest").glob("*")}
     with contextlib.suppress(Exception):  # a broken catalogue must not break the shell
         names |= {event.name for event in catalog.events()}
-    return _beginning(sorted(names), incomplete)
+    return sorted(names)
 
 
-def complete_products(incomplete: str) -> list[str]:
+def complete_products() -> list[str]:
     """Products that the readable links name: EVENT/STAGE."""
     latest = location.folder() / "latest"
     links = sorted(link for link in latest.rglob("*") if link.is_symlink())
-    return _beginning([str(link.relative_to(latest)) for link in links], incomplete)
+    return [str(link.relative_to(latest)) for link in links]
 
 
-def complete_settings(ctx, incomplete: str) -> list[str]:
+def complete_settings(ctx) -> list[str]:
     """Parameters of the calibration that was named, with an equals sign."""
     name = _calibration_of(ctx)
     simulated = ctx.info_name == "simulate"
     with contextlib.suppress(Exception):
         known = catalog.parameters(f"simulate_{name}" if simulated else name)
-        return _beginning([f"{one}=" for one in known.entries], incomplete)
+        return [f"{one}=" for one in known.entries]
     return []
 
 
-def complete_configurations(ctx, incomplete: str) -> list[str]:
+def complete_configurations(ctx) -> list[str]:
     """Recorded experiments of the calibration that was named; what else the commands on configurations take."""
     with contextlib.suppress(Exception):
         name = _calibration_of(ctx)
@@ -102,23 +97,19 @@ def complete_configurations(ctx, incomplete: str) -> list[str]:
             "promote": [configurations.CATALOGUE],
         }.get(ctx.info_name, [])
         more += list(catalog.parameters(name).entries) if ctx.info_name == "settings" else []
-        return _beginning([*configurations.names(name), *more], incomplete)
+        return [*configurations.names(name), *more]
     return []
 
 
-def complete_effects(incomplete: str) -> list[str]:
+def complete_effects() -> list[str]:
     """Parameters of the effects, with an equals sign."""
     entries = sorted(effect_catalogue.catalogue().items())
-    return _beginning([f"{slug}.{p.name}=" for slug, one in entries for p in one.parameters], incomplete)
+    return [f"{slug}.{p.name}=" for slug, one in entries for p in one.parameters]
 
 
 def _calibration_of(ctx):
     """Calibration that was named before; an option without its value ends the parsing, and its words are left over."""
     return next((word for word in [ctx.params.get("calibration"), *ctx.args] if word in known()), "")
-
-
-def _beginning(names, incomplete):
-    return [name for name in names if name.startswith(incomplete)]
 
 
 def writable(ctx: typer.Context, path: Path | None) -> Path | None:
@@ -184,8 +175,8 @@ NAMED = "experiment, or catalogue"
 PARAMETER = "parameter or configuration"
 AS = "name of the experiment that --set or --model make; alone: a recorded experiment again"
 OTHERS = "make again what other versions of numpy, scipy or numba made"
-Calibration = Annotated[str, typer.Argument(metavar="CALIBRATION", help=KINDS, autocompletion=complete_calibrations)]
-Some = Annotated[str | None, typer.Argument(metavar="[CALIBRATION]", help=KINDS, autocompletion=complete_calibrations)]
+Calibration = Annotated[str, typer.Argument(metavar="CALIBRATION", help=KINDS, autocompletion=known)]
+Some = Annotated[str | None, typer.Argument(metavar="[CALIBRATION]", help=KINDS, autocompletion=known)]
 EventName = Annotated[str | None, typer.Argument(metavar="[EVENT]", help=EVENT, autocompletion=complete_events)]
 Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help=FOLDER)]
 Satellite = Annotated[str | None, typer.Option("--satellite", metavar=LETTERS, help="which satellite of the folder")]
@@ -305,7 +296,7 @@ def detect(
 
 @app.command()
 def discover(
-    calibration: Annotated[str, typer.Argument(metavar="CALIBRATION", help=WHAT, autocompletion=complete_calibrations)],
+    calibration: Annotated[str, typer.Argument(metavar="CALIBRATION", help=WHAT, autocompletion=known)],
     event: EventName = None,
     data: Data = None,
     satellite: Satellite = None,

@@ -78,16 +78,6 @@ def by_one_sensor(source, chosen, observed):
     return {"ingest": observed, "gradient": modelled, "drag": drag}
 
 
-def observation_settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
-    """What the observations of a day need beside the products."""
-    return _settings("view", chosen)
-
-
-def level_one_files(source):
-    """The SGRS file of a day."""
-    return [daily.sgrs_file(source.folder, source.date)]
-
-
 def document(ref):
     """Result document of a report product, with the keys of everything it was made from."""
     found = common.document(ref)
@@ -156,7 +146,7 @@ def recomputed(document, _section, printed, run):
 
 
 DISCOVERY = Discovery(
-    observation_settings,
+    lambda _source, chosen: _settings("view", chosen),
     "gravcal.calibrations.gradient_torque.observations",
     records=lambda source, chosen: _recorded(source, chosen)[0],
     products=by_one_sensor,
@@ -173,7 +163,7 @@ CALIBRATION = Calibration(
     simulation=simulation,
     files=daily,
     mission="demo",
-    level_one_files=level_one_files,
+    level_one_files=lambda source: [daily.sgrs_file(source.folder, source.date)],
     document=document,
     products=gradient_torque.KINDS,
     result=values,

@@ -6,7 +6,7 @@ from flows.calibration import EPOCH, Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
-from tasks import discovery, inertial_sensor
+from tasks import common, discovery, inertial_sensor
 from tasks.stage import lazy, read
 
 simulator = lazy("gravcal.simulation.inertial_sensor")
@@ -34,12 +34,7 @@ def calibrate(source, chosen):
         settings = {"event": source.event, "variant": ""} | known | chosen.for_stage("checks")
         products["checks"] = inertial_sensor.checks(products["detect"], *level_one_files(source), **settings)
     products.pop("segment", None)
-    printed = {
-        section: [{"labels": dict(r.labels), "value": list(r.value), "sigma": list(r.sigma)} for r in records]
-        for section, records in catalog.published("inertial_sensor").items()
-        if section != "scalars"
-    }
-    told = {"event": source.event, "settings": chosen.for_report(), "published": printed}
+    told = {"event": source.event, "settings": chosen.for_report(), "published": common.printed_of("inertial_sensor")}
     return inertial_sensor.report(*products.values(), names=list(products), **told)
 
 

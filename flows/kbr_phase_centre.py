@@ -45,15 +45,8 @@ def calibrate(source, chosen):
     if moved or added:
         combined = kbr_phase_centre.model_error(combined, *moved, added=added, **chosen.for_stage("model_error"))
     checked = inputs_checked(source, chosen, files, aligned, pointed, equations)
-    records = catalog.published("kbr_phase_centre")
-    printed = {
-        section: [
-            {"labels": dict(one.labels), "value": one.value, "sigma": one.sigma, "source": one.source}
-            for one in records[section]
-        ]
-        for section in ("ls", "robust", "subsets", "vkb1b")
-    }
-    told = {"event": source.event, "settings": chosen.for_report(), "published": printed} | nominal_of(source)
+    told = {"event": source.event, "settings": chosen.for_report()} | nominal_of(source)
+    told["published"] = common.printed_of("kbr_phase_centre")
     return kbr_phase_centre.report(combined, pointed, quiet, checked, *solved, **told)
 
 
@@ -100,11 +93,6 @@ def of_range(source, chosen, aligned):
 def aligned_records(source, chosen):
     """Ranging, orbits and attitudes on GPS time."""
     return kbr_phase_centre.align(*ingested(source, chosen), **chosen.for_stage("align"))
-
-
-def combined(source, chosen, aligned):
-    """Phase centres from aligned records, all observables."""
-    return _solved(source, chosen, aligned)[-1]
 
 
 def scene_settings(source, chosen):
@@ -220,7 +208,7 @@ DISCOVERY = Discovery(
     "gravcal.calibrations.kbr_phase_centre.observations",
     records=aligned_records,
     products=of_range,
-    result=combined,
+    result=lambda source, chosen, aligned: _solved(source, chosen, aligned)[-1],
 )
 CALIBRATION = Calibration(
     name="kbr_phase_centre",

@@ -33,12 +33,11 @@ def estimated(chosen, records):
     return magnetometer.estimate(records, **chosen.for_stage("estimate"))
 
 
-def settings(source, chosen):  # noqa: ARG001 - as for the other calibrations
-    """What the observations need beside the products."""
-    return chosen.for_stage("observe")
-
-
-DISCOVERY = Discovery(settings, "gravcal.calibrations.magnetometer.observations", records=aligned)
+DISCOVERY = Discovery(
+    lambda _source, chosen: chosen.for_stage("observe"),
+    "gravcal.calibrations.magnetometer.observations",
+    records=aligned,
+)
 CALIBRATION = Calibration(
     name="magnetometer",
     title="Magnetometer",

@@ -149,15 +149,11 @@ def manoeuvres(document, json_path):
     """Document, or table of the manoeuvres found."""
     if not delivered(document, json_path):
         return
-    rows = [
-        [
-            f"{one.get('satellite', '')} {one['kind']}".strip(),
-            plain.gps_text(one["start"], 3),
-            plain.gps_text(one["stop"], 3),
-        ]
-        + [f"{one['start']:.3f}", f"{one['stop']:.3f}"]
-        for one in document["manoeuvres"]
-    ]
+    rows = []
+    for one in document["manoeuvres"]:
+        ends = one["start"], one["stop"]
+        rows.append([f"{one.get('satellite', '')} {one['kind']}".strip(), *(plain.gps_text(end, 3) for end in ends)])
+        rows[-1] += [f"{end:.3f}" for end in ends]
     table(["kind", "start (GPS time)", "stop (GPS time)", "start (GPS s)", "stop (GPS s)"], rows)
     say(f"{foreword(document.get('origin', 'measured'))}{len(rows)} manoeuvre(s)")
 

@@ -29,13 +29,8 @@ def quiet_rows(source, chosen):
     return ranging.align(aligned, pointed, equations[0], **own), checked
 
 
-def observation_settings(source, chosen):
-    """What the observations need beside the products."""
-    return wiggles.nominal_of(source) | chosen.for_stage("observe")
-
-
 DISCOVERY = Discovery(
-    observation_settings,
+    lambda source, chosen: wiggles.nominal_of(source) | chosen.for_stage("observe"),
     "gravcal.calibrations.ranging.observations",
     records=lambda source, chosen: quiet_rows(source, chosen)[0],
 )

@@ -52,13 +52,12 @@ def products(source, chosen, records):
     return {"align": records, "noise": measured}
 
 
-def settings(source, chosen):
-    """What the observations need beside the products."""
-    return _inertia(source) | chosen.for_stage("observe")
-
-
-OBSERVATIONS = "gravcal.calibrations.thrusters.observations"
-DISCOVERY = Discovery(settings, OBSERVATIONS, records=aligned, products=products)
+DISCOVERY = Discovery(
+    lambda source, chosen: _inertia(source) | chosen.for_stage("observe"),
+    "gravcal.calibrations.thrusters.observations",
+    records=aligned,
+    products=products,
+)
 CALIBRATION = Calibration(
     name="thrusters",
     title="Attitude thrusters",

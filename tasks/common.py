@@ -153,11 +153,11 @@ def _only(folder, found, what, option):
     raise ProductError(f"{folder}: found {have}, expected one {what}. Give {option}, or another --data.", found=found)
 
 
-def printed_of(calibration: str, event: str) -> dict[str, list[dict]]:
-    """Published values of an event as plain records by section, {} where none was printed."""
+def printed_of(calibration: str, event: str | None = None) -> dict[str, list[dict]]:
+    """Published values, or those of an event, as plain records by section, {} where none was printed."""
     sections = {}
     for section, records in catalog.published(calibration).items():
-        own = [record for record in records if event in record.events]
+        own = [record for record in records if event is None or event in record.events]
         if own:
             sections[section] = [vars(record) | dict(record.labels) | {"labels": dict(record.labels)} for record in own]
     return sections

@@ -69,11 +69,12 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     parts += [partial(scan.lines, *here, channel) for channel in channels]
     parts += [partial(scan.excess, problem, rest, channel) for channel in channels]
     parts.append(partial(_bands, problem.blocks, rest))
-    steps, of_candidates, *found, (rows, smallest, quiet) = parallel(_called, parts)
+    steps, of_candidates, *found, (rows, smallest, quiet) = parallel(lambda part: part(), parts)
     found, power = found[: len(channels)], [one for some in found[len(channels) :] for one in some]
     scans = [s for s in [*found, steps] if s.at.size]
     unlikely = [one.log_p for one in power]
-    least = np.min(_tested([smallest, of_candidates, *map(_scanned, scans), *unlikely], problem), axis=0)
+    lines = [chi2_tail.least_log_tail(s.gain, np.maximum(s.dof, 1)) + np.log(s.at.size) for s in scans]
+    least = np.min(_tested([smallest, of_candidates, *lines, *unlikely], problem), axis=0)
     own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1].copy(), s.dof) for s in scans]  # no views
     certain = [one for one in power if one.log_p[0] < CERTAIN]
     excess = max(certain, key=lambda one: one.score, default=min(power, key=lambda one: one.log_p[0], default=None))
@@ -180,10 +181,6 @@ def _steps_about(block, row):
         yield from (np.concatenate(moved[k : k + 2], axis=1) for k in range(3))
 
 
-def _called(part):
-    return part()
-
-
 def _tested(families, problem):
     """Those families that hold a test."""
     found = [family for family in families if family is not None]
@@ -224,10 +221,6 @@ def _candidates(problem, baseline, rest):
     return chi2_tail.least_log_tail(np.array(gains), np.array(dof)) + np.log(len(dof)) if dof else None
 
 
-def _scanned(found):
-    return chi2_tail.least_log_tail(found.gain, np.maximum(found.dof, 1)) + np.log(found.at.size)
-
-
 def _bands(blocks, rest):
     """Rows for the first column, and logs of the corrected smallest probabilities of more and of less power."""
     rows, log_p, sums = [], [], {}
@@ -245,7 +238,9 @@ def _bands(blocks, rest):
                 log_p.append(chi2_tail.log_gamma_tail(power[band], shape, mean))
                 one = {"block": block.label, "channel": str(channel), "band": band, "p": float(np.exp(log_p[-1][0]))}
                 rows.append(one | {"ratio": float(power[band, 0] / mean)})
-    less = [chi2_tail.log_gamma_head(s[:-1], s[1:-1].mean() ** 2 / s[-1], s[1:-1].mean()) for s in sums.values()]
+    means = {place: s[1:-1].mean() for place, s in sums.items()}
+    shapes = {place: means[place] ** 2 / s[-1] for place, s in sums.items()}
+    less = [chi2_tail.log_gamma_tail(s[:-1], shapes[n], means[n], smaller=True) for n, s in sums.items()]
     return rows, *(np.min(one, axis=0) + np.log(len(one)) if one else None for one in (log_p, less))
 
 

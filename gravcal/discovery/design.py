@@ -49,6 +49,7 @@ def flown(observed: Observations, information, times: Sequence, items: Sequence[
     observed : Observations, the blocks of the manoeuvres first, in order of time
     information : (k, p, p) of each manoeuvre as the calibration estimates it, in the same order
     times : begin and end, GPS s, of each manoeuvre that was flown; items : number of each in the plan
+    causes : slugs of the catalogue
     """
     candidates = _candidates(observed, causes)
     problem = prepare(observed.blocks, candidates)
@@ -164,6 +165,8 @@ def chosen(flight: Flown, count: int, allowed: np.ndarray, pairs=(), chi2: float
 
     Parameters
     ----------
+    flight : of the library
+    count : manoeuvres of the design
     allowed : (n,) how many of each there may be
     pairs : of causes that are to be told apart
     chi2 : expected chi-square that each pair is to reach

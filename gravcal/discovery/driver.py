@@ -4,6 +4,7 @@ A calibration hands over `gravcal.estimation.records.Observations`; nothing here
 """
 
 import dataclasses
+import itertools
 import json
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +26,7 @@ from gravcal.discovery.problem import (
 )
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, Finding, Result, search
-from gravcal.discovery.scan import offered
+from gravcal.discovery.scan import offered, side_by_side
 from gravcal.discovery.trials import EXCESS, SHARES
 from gravcal.errors import CatalogError
 from gravcal.estimation import chi2_tail
@@ -74,6 +75,12 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
 
     The effects are added to the rows again in their linear form, so that the search finds them whole, with their errors
     by the noise that is left. What describes the record worse than the first search is not taken.
+
+    Parameters
+    ----------
+    observed : of the records without the effects that were found
+    first : of kind discovery
+    model : what it found
     """
     before = json.loads(first.attrs["numbers"])
     gains = [(one["cause"], one["heldout_gain"]["in_sample_chi2"]) for one in before.get("findings", [])]
@@ -423,7 +430,7 @@ def joint_lines(result: Result, where: tuple[str, int], shape: Callable, groups:
     step, kept = float(np.median(np.diff(at))), []
     for peak in _peaks(at, score, step):
         grid = peak + step * FINE
-        gains = [_gain(result, _columns(shape, f, groups)) for f in grid]
+        gains = [_gain(result, side_by_side([shape(k, f) for k in range(len(groups))], groups)[0]) for f in grid]
         gain, dof = max(gains)
         chance = chi2_tail.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
         if chance < np.log(about[2].level):
@@ -439,17 +446,6 @@ def _peaks(at, score, step):
             found.append(float(at[k]))
         if len(found) == PEAKS:
             break
-    return found
-
-
-def _columns(shape, frequency, groups):
-    """Whitened columns (n, 2 g) of every block."""
-    width, found = 2 * (max(groups) + 1), []
-    for k, group in enumerate(groups):
-        part = shape(k, frequency)
-        columns = np.zeros((part.shape[0], width))
-        columns[:, 2 * group : 2 * group + 2] = part
-        found.append(columns)
     return found
 
 
@@ -472,17 +468,21 @@ def _line(grid, gains, made_of, about):
     weight = weight / weight.sum()
     frequency = float(weight @ grid)
     sigma = float(np.sqrt(weight @ (grid - frequency) ** 2 + (grid[1] - grid[0]) ** 2 / 12))
-    columns = _columns(shape, frequency, groups)
+    columns, used = side_by_side([shape(k, frequency) for k in range(len(groups))], groups)
     names = [f"{part}_{k}" for k in range(max(groups) + 1) for part in ("cosine", "sine")]
-    used = np.sum([np.sum(c**2, axis=0) for c in columns], axis=0) > 0
-    names = [n for n, u in zip(names, used, strict=True) if u]
+    names = list(itertools.compress(names, used))
     form = f"{channel} reading{f' {AXES[axis]}' if axis >= 0 else ''}, {frequency:.5f} Hz"
     candidate = Candidate(cause, form, names, [unit] * len(names), [c[:, used] for c in columns], apart=True)
     return Line(candidate, frequency, sigma)
 
 
 def amplitude(line: Line, parameters: dict, name: str = "amplitude") -> dict:
-    """Frequency and amplitude, rms over the manoeuvres less what noise adds, {name: {"value", "sigma", "unit"}}."""
+    """Frequency and amplitude, rms over the manoeuvres less what noise adds, {name: {"value", "sigma", "unit"}}.
+
+    Parameters
+    ----------
+    parameters : cosines and sines as a finding has them
+    """
     rows = [p for p in parameters.values() if np.isfinite(p["value"])]
     squares, errors = (np.array([p[n] for p in rows]) ** 2 for n in ("value", "sigma"))
     size = np.sqrt(max(2 * np.mean(squares - errors), 0.0))

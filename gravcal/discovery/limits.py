@@ -48,7 +48,9 @@ def detection_limits(observed: Observations, left: list, choice: Choice, say: Ca
         if best is not None:
             best |= _confirmed(problem, choice, best, observed.candidates)
         say(f"limits: {number} of {len(effects)}, {cause}")
-        found += [{n: v for n, v in one.items() if n not in ("relative", "at")} for one in _least(rows)]
+        rows.sort(key=lambda one: (one["size"] is not None, -one["relative"]))
+        least = {one["parameter"]: one for one in rows}.values()  # the form named from the least size, or none
+        found += [{n: v for n, v in one.items() if n not in ("relative", "at")} for one in least]
     return found
 
 
@@ -194,14 +196,6 @@ def _from(right):
     """Index of the ratio from which on all are right; their number if the last is not."""
     wrong = np.flatnonzero(~right)
     return int(wrong[-1] + 1) if wrong.size else 0
-
-
-def _least(rows):
-    """Of each parameter the form that is named from the least size, or that is not named."""
-    kept = {}
-    for row in sorted(rows, key=lambda one: (one["size"] is not None, -one["relative"])):
-        kept[row["parameter"]] = row
-    return list(kept.values())
 
 
 def _confirmed(problem, choice, row, candidates):

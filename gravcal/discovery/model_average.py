@@ -139,7 +139,9 @@ def _over_forms(problem, others, tried, about):
     causes, seen = {problem.candidates[k].cause for *_, k in rows}, _scale
     for k, whole in enumerate(problem.candidates):
         if whole.cause in causes and k not in others and _whole(whole):
-            likely = float(weight @ [_is_part(problem.candidates[row], whole) for *_, row in rows])
+            parts = [problem.candidates[row] for *_, row in rows]  # forms of the cause, or one parameter of it alone
+            alone = [p.cause == whole.cause and "alone" in p.form and {*p.names} <= {*whole.names} for p in parts]
+            likely = float(weight @ [part is whole or one for part, one in zip(parts, alone, strict=True)])
             moment = moment + likely * (_unseen(problem, gram, baseline, k, width, seen) if likely else 0.0)
     return mean, moment
 
@@ -167,12 +169,6 @@ def _whole(candidate):
     """Whether a candidate has all parameters of a form whose plausible sizes are known, in more than one block."""
     whole = "alone" not in candidate.form and not candidate.local
     return whole and candidate.listed and len(candidate.prior) == len(candidate.names)
-
-
-def _is_part(one, whole):
-    """Whether a candidate is a form of a cause, or one parameter of that form alone."""
-    alone = "alone" in one.form and one.cause == whole.cause and set(one.names) <= set(whole.names)
-    return one is whole or alone
 
 
 def _unnamed(result, named, width):

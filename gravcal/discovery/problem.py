@@ -250,7 +250,8 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
     def one(index, block):
         pieces = [block.observed[:, None], block.global_columns, *(c.columns[index] for c in candidates)]
         columns = columns_of(block.channel, basis_of(block.local_columns), pieces, widths)
-        return columns, columns.products(), columns.squares, float(_used(block) - columns.basis.shape[1])
+        used = np.any(np.column_stack([block.observed, block.local_columns]) != 0, axis=1)
+        return columns, columns.products(), columns.squares, float(used.sum() - columns.basis.shape[1])
 
     columns, gram, squares, samples = zip(*parallel(one, range(len(blocks)), blocks), strict=True)
     size = _size(gram, squares)
@@ -260,10 +261,6 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
 def _size(gram, squares):
     """Norm (m,) of columns less own ones, from their products (m, m) and squares (m,) in each block."""
     return np.sqrt(np.maximum(sum(np.diag(one) for one in gram), LEAST**2 * sum(squares)))
-
-
-def _used(block):
-    return int(np.sum(np.any(np.column_stack([block.observed, block.local_columns]) != 0, axis=1)))
 
 
 def extended(problem: Problem, candidate: Candidate) -> Problem:

@@ -238,13 +238,8 @@ def _finding(problem, chosen, position, choice):
     words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}
     alike = _as_good(problem, gram, index, ratio, choice.tie) | near if candidate.listed else {}
     words |= {"kind": kind, "separation": apart, "imitators": _imitators(problem, alike)}
-    return Finding(**words, **numbers, value=value, sigma=sigma, index=index, **_where(trial, candidate))
-
-
-def _where(trial, candidate):
-    """Epoch or frequency: of the trial that located it, else of the candidate that was made of it."""
-    found = trial if np.isfinite(trial.at) else candidate
-    return {"at": found.at, "at_sigma": found.at_sigma}
+    where = trial if np.isfinite(trial.at) else candidate  # that was made of the trial that located it
+    return Finding(**words, **numbers, value=value, sigma=sigma, index=index, at=where.at, at_sigma=where.at_sigma)
 
 
 def _parameters(problem, gram, index):
@@ -295,12 +290,9 @@ def _as_good(problem, gram, index, ratio, tie):
 
 def _imitators(problem, near):
     """Drivers in no list among causes that are near, nearest first."""
-    rows = []
-    for cause, (expected, k) in sorted(near.items(), key=lambda one: one[1]):
-        if not problem.candidates[k].listed:
-            row = {"cause": cause, "form": problem.candidates[k].form, "expected_chi2": max(float(expected), 0.0)}
-            rows.append(row)
-    return rows
+    near = [(cause, k, max(float(expected), 0.0)) for cause, (expected, k) in sorted(near.items(), key=lambda n: n[1])]
+    rows = [(cause, problem.candidates[k], expected) for cause, k, expected in near]
+    return [{"cause": n, "form": one.form, "expected_chi2": e} for n, one, e in rows if not one.listed]
 
 
 def _result(problem, findings, tests, baseline, first):
@@ -402,7 +394,13 @@ def pruned(problem: Problem, chosen: list) -> list:
 
 
 def settled(problem, chosen, choice, noise, before):
-    """Names and adequacy; where too much is left, listed causes give way to ones in no list that are as good."""
+    """Names and adequacy; where too much is left, listed causes give way to ones in no list that are as good.
+
+    Parameters
+    ----------
+    noise : (n, draws) a block, of `drawn_noise`
+    before : adequacy of the baseline
+    """
     if not chosen:
         return chosen, before
     after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)

@@ -153,26 +153,18 @@ def lines(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channe
     The whitening filter leaves a sine a sine, so that sine and cosine stand for it in the whitened rows.
     """
     grid = frequencies(problem.blocks, channel)
-    gain, dof = _gains(problem, baseline, rest, channel, grid)
+    gain, dof = line_gains(problem, baseline, rest, channel, grid)
     place, at = np.repeat([0, 1, 2, -1], grid.size), np.tile(grid, 4)
     return Scan("line", channel, place, at, gain.reshape(-1, rest[0].shape[1]), dof.ravel())
 
 
-def line_gain(
-    problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channel: str, axis: int, grid
-) -> np.ndarray:
-    """Gain (f,) of a line at given frequencies.
+def line_gains(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channel: str, grid: np.ndarray):
+    """Gain (4, f, d) and parameters (4, f) of a line: on each axis, then on all together.
 
     Parameters
     ----------
-    axis : of the line, -1 for all three
     grid : (f,) Hz
     """
-    return _gains(problem, baseline, rest, channel, np.asarray(grid))[0][axis, :, 0]
-
-
-def _gains(problem, baseline, rest, channel, grid):
-    """Gain (4, f, d) and parameters (4, f): each axis, then all together."""
     count = rest[0].shape[1]
     inverse = inverse_of_baseline(problem, baseline)
     gain, dof = np.zeros((4, grid.size, count)), np.zeros((4, grid.size), dtype=int)
@@ -276,6 +268,21 @@ def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarr
         phase = 2 * np.pi * frequency * block.time[rows]
         columns[rows, 2 * k], columns[rows, 2 * k + 1] = np.cos(phase), np.sin(phase)
     return columns
+
+
+def side_by_side(parts: list[np.ndarray], groups) -> tuple[list[np.ndarray], np.ndarray]:
+    """Columns (n, q g) of each block with its part at the place of its group, and which of them (q g,) are not zero.
+
+    Parameters
+    ----------
+    parts : (n, q) a block
+    groups : number of the group of each block, of g
+    """
+    width = parts[0].shape[1]
+    columns = [np.zeros((part.shape[0], width * (max(groups) + 1))) for part in parts]
+    for whole, part, group in zip(columns, parts, groups, strict=True):
+        whole[:, width * group : width * (group + 1)] = part
+    return columns, np.sum([np.sum(whole**2, axis=0) for whole in columns], axis=0) > 0
 
 
 TABLE = 1 << 21  # cosines that are made at once

@@ -165,7 +165,7 @@ def tuned(problem: Problem, baseline: np.ndarray, trial: Trial) -> tuple[float, 
     at, width = trial.at, np.sqrt(12) * trial.at_sigma
     for _ in range(3):
         grid = at + width * np.linspace(-1, 1, 21)
-        gain = scan.line_gain(problem, baseline, rest, trial.channel, trial.place, grid)
+        gain = scan.line_gains(problem, baseline, rest, trial.channel, grid)[0][trial.place, :, 0]
         best = int(np.clip(np.argmax(gain), 1, grid.size - 2))
         at, width = grid[best], width / 5
     below, middle, above = gain[best - 1 : best + 2]
@@ -207,17 +207,10 @@ def _step(problem, trial):
 
 def _line(problem, trial):
     axes = [trial.place] if trial.place >= 0 else [0, 1, 2]
-    columns, names = [], []
-    for i, block in enumerate(problem.blocks):
-        part = scan.sine_columns(block, trial.channel, trial.at, axes)
-        apart = [np.zeros((b.observed.size, part.shape[1])) for b in problem.blocks]
-        apart[i] = part
-        columns.append(apart)
-        names += [f"{p}_{'xyz'[a]}_{i}" for a in axes for p in ("cosine", "sine")]
-    merged = [np.concatenate([c[j] for c in columns], axis=1) for j in range(len(problem.blocks))]
-    used = np.sum([np.sum(m**2, axis=0) for m in merged], axis=0) > 0
-    merged = [m[:, used] for m in merged]
-    names = [n for n, u in zip(names, used, strict=True) if u]
+    parts = [scan.sine_columns(block, trial.channel, trial.at, axes) for block in problem.blocks]
+    columns, used = scan.side_by_side(parts, range(len(parts)))
+    names = [f"{p}_{'xyz'[a]}_{i}" for i in range(len(parts)) for a in axes for p in ("cosine", "sine")]
+    names, merged = list(itertools.compress(names, used)), [c[:, used] for c in columns]
     form, where = f"{trial.channel} reading, {trial.at:.4f} Hz", {"at": trial.at, "at_sigma": trial.at_sigma}
     return Candidate(trial.cause, form, names, ["1"] * len(names), merged, **where)
 

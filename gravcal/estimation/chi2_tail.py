@@ -23,13 +23,8 @@ def least_log_tail(chi2: np.ndarray, dof: np.ndarray) -> np.ndarray:
     return log_tail(largest, kinds[:, None]).min(axis=0)
 
 
-def log_gamma_tail(value, shape: float, mean: float) -> np.ndarray:
-    """Logarithm of the probability that a value of the gamma distribution of this shape and mean is larger."""
+def log_gamma_tail(value, shape: float, mean: float, *, smaller: bool = False) -> np.ndarray:
+    """Logarithm of the probability of a larger (or smaller) value of the gamma distribution of this shape and mean."""
+    share = special.gammainc if smaller else special.gammaincc
     with np.errstate(divide="ignore"):
-        return np.log(special.gammaincc(shape, np.maximum(value, 0.0) * shape / mean))
-
-
-def log_gamma_head(value, shape: float, mean: float) -> np.ndarray:
-    """Logarithm of the probability that a value of a gamma distribution is smaller, as of `log_gamma_tail`."""
-    with np.errstate(divide="ignore"):
-        return np.log(special.gammainc(shape, np.maximum(value, 0.0) * shape / mean))
+        return np.log(share(shape, np.maximum(value, 0.0) * shape / mean))

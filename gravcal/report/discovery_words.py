@@ -121,12 +121,6 @@ def _symbols(words):
     return words, "x", []
 
 
-def _tied(one):
-    """What this data cannot tell a finding from; empty if nothing."""
-    names = [title(name) for name in one["tied_with"]]
-    return f" This data cannot tell that from {'; '.join(names)}." if names else ""
-
-
 def verdict(numbers: dict) -> str:
     """What was found, in sentences."""
     if "findings" not in numbers:
@@ -139,7 +133,9 @@ def verdict(numbers: dict) -> str:
     elif not found:
         said = f"The model describes the data to their noise ({_chance(before)}); nothing is named."
     else:
-        counted = [f"({k}) {sentence(one)}{_tied(one)}" for k, one in enumerate(found, start=1)]
+        tied = ["; ".join(map(title, one["tied_with"])) for one in found]
+        tied = [names and f" This data cannot tell that from {names}." for names in tied]
+        counted = [f"({k + 1}) {sentence(one)}{tied[k]}" for k, one in enumerate(found)]
         said = " ".join(counted) if len(found) > 1 else counted[0].removeprefix("(1) ")
         after = "describes the data to their noise" if numbers["p_after"] >= level else "still leaves more than noise"
         said += f"{_moves(numbers['calibration_change'])} The extended model {after} ({_chance(numbers['p_after'])})."

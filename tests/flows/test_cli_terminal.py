@@ -101,10 +101,8 @@ def test_completion_offers_what_exists(pipeline):
         said = piped(["--show-completion", shell], _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
         assert f"complete_{shell}" in said
     pipeline.run()
-    assert cli.complete_calibrations("com") == ["com_offset"]
-    assert {"fake-1"} == set(cli.complete_events("fake"))
-    assert "grace-c-2020-02-01" in cli.complete_events("grace-c-2020")
-    assert f"fake-1/{pipeline.name}.join" in cli.complete_products("fake-1/")
+    assert {"fake-1", "grace-c-2020-02-01"} <= set(cli.complete_events())
+    assert f"fake-1/{pipeline.name}.join" in cli.complete_products()
 
 
 BASH = """
