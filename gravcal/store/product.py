@@ -222,7 +222,13 @@ def _attribute_text(attributes):
 
 
 def write(dataset, path):
-    """Write a settled dataset (`settled`) as a netCDF-4 file; OSError if it cannot be written."""
+    """Write a settled dataset (`settled`) as a netCDF-4 file; OSError if it cannot be written.
+
+    `Dataset.to_netcdf` in a worker of Dask asks the scheduler for a lock of the file, and both keep it for ever.
+    """
+    import netCDF4
+    from xarray.backends import NetCDF4DataStore
+
     texts = [name for name in dataset.coords if dataset[name].dims == (name,) and dataset[name].dtype == object]
     labels = {name + LABEL: (name, dataset[name].values, dataset[name].attrs) for name in texts}
     labelled = dataset.drop_vars(texts).assign_coords(labels) if texts else dataset.copy()
@@ -236,8 +242,8 @@ def write(dataset, path):
             pieces = {"chunksizes": (rows, *variable.shape[1:])}
             encoding[name] |= {"zlib": True, "complevel": 1, "shuffle": True} | pieces
     try:
-        with LOCK:
-            labelled.to_netcdf(path, engine="netcdf4", encoding=encoding)
+        with LOCK, netCDF4.Dataset(path, "w") as file:
+            labelled.dump_to_store(NetCDF4DataStore(file), encoding=encoding)
     except RuntimeError as error:  # netCDF4 does not say which error of the system it was: plain writing does
         path.write_bytes(bytes(dataset.nbytes + (1 << 16)))
         raise OSError(errno.EIO, str(error), str(path)) from error
