@@ -475,7 +475,7 @@ def _judged(kind, sort, seed, place):
             raise ValueError("no effect of eight reaches the signal-to-noise ratio")
     document = gravcal("discover", kind, data, place / "found.json")
     if document["status"] == "failed":
-        raise ValueError(document.get("said") or document.get("verdict"))
+        raise ValueError(document.get("said") or document.get("error"))
     return {"hidden": hidden, "value": value, "ratio": ratio} | scored(kind, sort, hidden, document, truth)
 
 
