@@ -21,6 +21,8 @@ def test_tails_are_those_of_the_distributions():
     assert_allclose(
         chi2_tail.log_gamma_tail(gain, 2.5, 4.0), stats.gamma.logsf(gain, 2.5, scale=1.6), rtol=1e-12, atol=1e-15
     )
+    smaller = chi2_tail.log_gamma_tail(gain, 2.5, 4.0, smaller=True)
+    assert_allclose(smaller, stats.gamma.logcdf(gain, 2.5, scale=1.6), rtol=1e-12, atol=1e-15)
 
 
 def test_least_tail_is_the_least_of_all():
