@@ -3,8 +3,7 @@
 Names that every module uses alike: `problem` holds all columns of all blocks and their products, the observed rows
 first; a `baseline` (p,) gives the indices of the columns that are fitted; `gram` (m, m) are products with some columns
 projected out, `place` the slice of a candidate in them and `size` (m,) the norms beside own columns; `rest` (n, d) a
-block are residuals, `noise` (n, draws) a block those of `drawn_noise`; `rows` the trials of a round, `chosen` the
-(index, trial) of every name and `choice` the settings.
+block are residuals; `rows` the trials of a round and `chosen` the (index, trial) of every name.
 """
 
 import tomllib

@@ -91,10 +91,12 @@ def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Proble
 
     Parameters
     ----------
+    problem : Problem
     order : {channel: coefficients of its noise model}
 
     Returns
     -------
+    problem : Problem; as it was without outliers
     outliers : list of {"block", "channel", "axis", "time", "sigma"}
     """
     from scipy.stats import norm

@@ -129,6 +129,8 @@ def disagreement(grams: np.ndarray, baseline: np.ndarray, place: slice, size: np
     ----------
     grams : (b, m, m), own columns projected out
     baseline : (p,) indices of shared columns
+    place : columns of the candidate
+    size : (m,) norm of the columns with own columns projected out
     """
     index = np.arange(place.start, place.stop)
     present = [g for g in grams if np.any(np.diag(g)[index] > 0)]
@@ -160,6 +162,7 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
 
     Parameters
     ----------
+    problem : Problem
     baseline : (p,) indices of columns that are fitted, the shared ones first
     scale : (s,) factor from the shared parameters to the numbers that are reported
 
@@ -204,6 +207,7 @@ def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, t
 
     Parameters
     ----------
+    problem : Problem
     baseline : (p,) indices of columns that are fitted beside both
     index : of the candidate that is taken for true, at its fitted value
     other : of the candidate that is fitted instead

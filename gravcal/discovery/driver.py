@@ -60,6 +60,11 @@ class Limits:
 def discover(observed: Observations | None, limits: Limits) -> xr.Dataset:
     """What the model of an event gets wrong, and why.
 
+    Parameters
+    ----------
+    observed : Observations, None where there is nothing to look at
+    limits : Limits
+
     Returns
     -------
     found : Dataset of kind discovery; attribute `numbers` holds the summary as JSON
@@ -78,9 +83,14 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
 
     Parameters
     ----------
-    observed : of the records without the effects that were found
-    first : of kind discovery
+    observed : Observations of the records without the effects that were found
+    limits : Limits
+    first : Dataset of kind discovery
     model : what it found
+
+    Returns
+    -------
+    found : Dataset of kind discovery
     """
     before = json.loads(first.attrs["numbers"])
     gains = [(one["cause"], one["heldout_gain"]["in_sample_chi2"]) for one in before.get("findings", [])]
@@ -95,6 +105,11 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
 
 def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
     """Raise if an entry in no list names no driver of this calibration: its effect would stay in the records unseen.
+
+    Parameters
+    ----------
+    observed : Observations, None where there is nothing to look at
+    model : entries of a model file
 
     Raises
     ------
@@ -114,7 +129,14 @@ def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
 
 
 def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits, say: Callable):
-    """Product of a search with the detection limits of its event among its numbers."""
+    """Product of a search with the detection limits of its event among its numbers.
+
+    Parameters
+    ----------
+    found : Dataset of kind discovery
+    observed, limits : of the search that gave it
+    say : is told how far it is
+    """
     if observed is None:
         return found
     left = np.column_stack([found["residual_after"].values, found["found_columns"].values])
@@ -202,6 +224,13 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     Lines are looked for in what the rounds leave before any of it is called an excess, and what happens at an epoch
     again near it, so that what an epoch half a spacing off leaves gets no name; both are tried beside all others in
     rounds that begin anew.
+
+    Parameters
+    ----------
+    observed : Observations
+    rows : its blocks
+    choice : Choice
+    seed : of the draws of noise
     """
     result = search(rows, observed.candidates, replace(choice, excess=False), random_source(seed, rows))
     found: list[Line] = []
@@ -481,7 +510,9 @@ def amplitude(line: Line, parameters: dict, name: str = "amplitude") -> dict:
 
     Parameters
     ----------
+    line : Line
     parameters : cosines and sines as a finding has them
+    name : of the amplitude
     """
     rows = [p for p in parameters.values() if np.isfinite(p["value"])]
     squares, errors = (np.array([p[n] for p in rows]) ** 2 for n in ("value", "sigma"))

@@ -29,7 +29,10 @@ def detection_limits(observed: Observations, left: list, choice: Choice, say: Ca
 
     Parameters
     ----------
+    observed : Observations
     left : (n, 1 + q) of each block, what the search left of its rows, and the columns of what it found
+    choice : of that search
+    say : is told how far it is
 
     Returns
     -------

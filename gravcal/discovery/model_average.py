@@ -38,7 +38,12 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
 
     Parameters
     ----------
+    result : of `rounds.search`
     choice : settings of the search; count : of the shared parameters that are reported, the first ones
+
+    Returns
+    -------
+    result : with what is `adopted`
     """
     names, before = result.findings, result.shared[0]
     tones = set(choice.tone_causes.values())

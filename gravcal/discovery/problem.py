@@ -292,6 +292,7 @@ def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -
 
     Parameters
     ----------
+    problem : Problem
     index : of the block
     segment_s : s, length of a stretch
     wanted : (w,) indices of columns
@@ -310,7 +311,13 @@ def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -
 
 
 def baseline_of(problem: Problem, indices) -> np.ndarray:
-    """Indices of the shared columns and of those of some candidates."""
+    """Indices of the shared columns and of those of some candidates.
+
+    Parameters
+    ----------
+    problem : Problem
+    indices : of candidates
+    """
     shared = np.arange(problem.shared.start, problem.shared.stop)
     parts = [np.arange(problem.places[k].start, problem.places[k].stop) for k in indices]
     return np.concatenate([shared, *parts]).astype(int)
@@ -364,7 +371,10 @@ def drawn_noise(
 
     Parameters
     ----------
+    problem : Problem
+    count : number of draws
     quiet : {channel: quiet samples an axis that its noise was measured from, elsewhere than here}
+    rng : source of randomness
     order : {channel: coefficients of its noise model}, measured in these rows if it has no quiet samples; none where
         its shape was given or the rows are too short to follow it
     """

@@ -43,6 +43,9 @@ def dataset(
 
     Parameters
     ----------
+    result : Result
+    numbers : of `summary.summary`
+    channels : names in the order of the pages
     reading : of `variables`; places : of `clearest`
     periods : s, over which readings may be folded
     """
@@ -90,6 +93,8 @@ def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: 
 
     Parameters
     ----------
+    result : Result
+    choice : Choice
     names : of the shared parameters; unit : of the numbers that are reported
     scale : factor to that unit
     start : (s,) values of the shared parameters that the residuals were formed with
@@ -229,7 +234,9 @@ def clearest(
 
     Parameters
     ----------
+    result : Result
     channels : that can be shown
+    level : of the search
     without : for each finding the residual (n,) of each block as the extended model without it leaves it
     acts : for each finding whether it acts in each block; in all if empty
     """
@@ -263,6 +270,7 @@ def variables(
 
     Parameters
     ----------
+    result : Result
     places : of `clearest`
     reading_of : (channel, block index, rows (n, 3) 1) -> (time (m,) s, model (m, a), columns (3, m, a)): the reading
         that the observed rows are the difference to, and whitened rows in the unit of the reading

@@ -163,6 +163,7 @@ def line_gains(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], c
 
     Parameters
     ----------
+    problem, baseline, rest, channel : as of `lines`
     grid : (f,) Hz
     """
     count = rest[0].shape[1]
@@ -259,6 +260,8 @@ def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarr
 
     Parameters
     ----------
+    block : Block
+    channel : name
     frequency : Hz
     axes : indices of axes
     """
@@ -318,7 +321,9 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
 
     Parameters
     ----------
+    problem : Problem
     rest : (n, 1 + d) a block, observed and drawn residuals, as of `residuals_of`
+    channel : name
     """
     numbers, spacing, series = _series(problem.blocks, rest, channel)
     begins = [problem.blocks[k].time[problem.blocks[k].channel == channel].min() for k in numbers]

@@ -83,7 +83,13 @@ CLOSE, AT_ONCE = -9.0, 2
 
 
 def widened(problem: Problem, rows: list[Trial]) -> Problem:
-    """Problem with the laws of those series in no list that come near, once each; as it was where none does."""
+    """Problem with the laws of those series in no list that come near, once each; as it was where none does.
+
+    Parameters
+    ----------
+    problem : Problem
+    rows : trials beside a baseline
+    """
     near = sorted((t for t in rows if t.kind == "unknown" and t.log_p < CLOSE), key=lambda t: -t.score)
     made = {}
     for trial in near:
@@ -103,6 +109,13 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
     Found one after the other, each the best beside those before it, of causes that are significant with all their
     parameters; the number of ways to choose as many counts in the correction. A vector has all of its three components:
     one that is left out because the data hardly see it would leave others better known than they are.
+
+    Parameters
+    ----------
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted
+    rows : trials beside the baseline
+    choice : settings of the search
     """
     gram = attribution.projected(problem.total, baseline)
     known = {(c.cause, c.form) for c in problem.candidates}
@@ -216,7 +229,13 @@ def _line(problem, trial):
 
 
 def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
-    """Candidate of sines of any size in a tile, or on a path, in each block and axis; None of too many to fit."""
+    """Candidate of sines of any size in a tile, or on a path, in each block and axis; None of too many to fit.
+
+    Parameters
+    ----------
+    problem : Problem
+    found : Excess
+    """
     blocks = range(len(problem.blocks)) if found.block < 0 else [found.block]
     axes = [found.axis] if found.axis >= 0 else [0, 1, 2]
     places = [(k, a) for k in blocks for a in axes if np.any(_rows(problem.blocks[k], found, a))]
@@ -274,6 +293,9 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
 
     Parameters
     ----------
+    problem : Problem
+    baseline : (p,) indices of columns that are fitted
+    index : of the candidate
     segment_s : s, length of a stretch
     """
     place = problem.places[index]
