@@ -80,7 +80,7 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, case):
 def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_path):
     """Recovery: what a coefficient adds to the readings by its form leaves the record when its model is taken out."""
     simulated(tmp_path, rng, {}, duration_s="7200")
-    _, products, settings = _seen(tmp_path)
+    products, settings = _seen(tmp_path)
     entry = Entry("gradient.tesseral", "degree 5, order 3", {"cosine": Parameter(1e-6)})
     observed = observations.observe(products, **settings)
     moved = observed.without([entry])["linear"].values - products["ingest"]["linear"].values
@@ -93,11 +93,12 @@ def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_p
 
 
 def _seen(folder):
-    """Settings of the observations of a simulated folder, with the products they are made of."""
-    source = gradient_torque.CALIBRATION.source(data=folder / "level1")
+    """Products of a simulated folder, with the settings of the observations made of them."""
+    calibration = gradient_torque.CALIBRATION
+    source = calibration.source(data=folder / "level1")
     chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": "20"})
-    products = {name: read(ref) for name, ref in gradient_torque.CALIBRATION.discovery.baseline(source, chosen).items()}
-    return chosen, products, gradient_torque.observation_settings(source, chosen)
+    products = {name: read(ref) for name, ref in calibration.discovery.baseline(source, chosen).items()}
+    return products, calibration.discovery.settings(source, chosen)
 
 
 def _shows_it(folder):
