@@ -25,7 +25,7 @@ def run(folder, discovery=False):
 
 def simulated(folder, seed, effects=None):
     """True phase centres, mm, off the mean pointing by 3 mm, of an invented day with star cameras as measured."""
-    settings = {"phase_step_s": 1.0, "phase_centre_scatter_mm": 3.0, "star_camera_white_rad": 2.5e-4}
+    settings = {"phase_step_s": 1.0, "phase_centre_scatter_mm": 3.0}
     truth = CALIBRATION.simulate(folder, seed=seed, effects=effects or {}, settings=settings)
     return np.concatenate([truth["phase_centre_mm"][letter] for letter in "CD"])
 
