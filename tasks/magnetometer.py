@@ -31,7 +31,7 @@ def model_error(found, *moved):
     return named_parameters.with_model_error(found, *moved)
 
 
-@stage(reads=["magnetometer.align", "magnetometer.estimate"], writes="magnetometer.checks", version=1)
+@stage(reads=["magnetometer.align", "magnetometer.estimate"], writes="magnetometer.checks", version=2)
 def checks(aligned, found, **settings):
     """Field, attitude and orbit against each other, and parts of the result."""
     return estimation.check(aligned, found, **settings)

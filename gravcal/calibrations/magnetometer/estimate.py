@@ -31,6 +31,7 @@ NAMES = {
     "external_field": ("external_field",),
     "delay": ("delay",),
 }
+AXES = ("scale", "misalignment", "nonorthogonality")  # of these groups, which a satellite's own fields do not reach
 SAMPLES_PER_COEFFICIENT = 100  # of the noise model; fewer give none
 ITERATIONS = 3  # of the noise by the residual of the solution with it
 
@@ -54,15 +55,9 @@ def estimate(
     measured - B = b + (diag(s) + E) B + B x a + L m + h k - delay dB/dt: bias b, scale s, shear E, misalignment a, leak
     L of the dipoles m, uniform external field h along the moment k of the main field.
     """
-    field = model.field(aligned)
-    names, units, sizes, blocks = [], [], [], []
-    for group, slug in GROUPS.items():
-        if group not in held:
-            parameters = effect(slug).parameters
-            names += NAMES.get(group, [f"{group}_{p.name}" for p in parameters])
-            units += [p.unit for p in parameters]
-            sizes += [p.prior_sigma for p in parameters]
-            blocks.append(model.shear(field) if group == "nonorthogonality" else model.columns(field, slug))
+    field, used = model.field(aligned), [group for group in GROUPS if group not in held]
+    names, units, sizes = zip(*(one for group in used for one in _parameters(group)), strict=True)
+    blocks = [model.shear(field) if g == "nonorthogonality" else model.columns(field, GROUPS[g]) for g in used]
     size = np.array(sizes)
     design = np.concatenate(blocks, axis=2) * size  # in units of the plausible sizes, so that nothing is small
     place = np.rint((field.time - field.time[0]) / float(aligned["step"])).astype(int)
@@ -85,6 +80,13 @@ def estimate(
     noise = (field.difference - fitted).std(axis=0)
     found |= {"noise": noise, "noise_order": order, "time": field.time}
     return build(SCHEMAS["estimate"], found | {"residual_b": field.difference, "fitted_b": fitted})
+
+
+def _parameters(group):
+    """Name, unit and plausible size of the parameters of a group."""
+    known = effect(GROUPS[group]).parameters
+    names = NAMES.get(group, [f"{group}_{one.name}" for one in known])
+    return [(name, one.unit, one.prior_sigma) for name, one in zip(names, known, strict=True)]
 
 
 def _solved(rows):
@@ -116,6 +118,7 @@ def check(
     strength_limit: float,
     direction_limit_rad: float,
     agreement_limit: float,
+    plausible_limit: float,
 ) -> xr.Dataset:
     """Checks of the inputs against each other and of the result.
 
@@ -128,6 +131,8 @@ def check(
     strength_limit : share by which the strengths of the two fields differ, rms
     direction_limit_rad : rad, angle between them, rms
     agreement_limit : smallest probability of the disagreement of the parts
+    plausible_limit : largest error of scale or axes over its plausible size, beyond twice its standard deviation; a
+        star camera late by minutes reads as a magnetometer that is turned by tenths of a radian
     """
     field = model.field(aligned)
     strength = [np.linalg.norm(one, axis=1) for one in (field.measured_b, field.model_b)]
@@ -142,4 +147,10 @@ def check(
         at_most("strength of the field against the reference", apart, strength_limit, "1"),
         at_most("direction of the field against the reference", turned, direction_limit_rad, "rad"),
     ]
+    size = {name: one for group in AXES for name, _, one in _parameters(group)}
+    known = found[["value", "sigma"]].sel(parameter=[name for name in found["parameter"].values if name in size])
+    beyond = np.abs(known["value"].values) - 2 * known["sigma"].values
+    ratio = beyond / [size[name] for name in known["parameter"].values]
+    largest = np.max(ratio, where=np.isfinite(ratio), initial=0.0)
+    made.append(at_most("scale or axes over their plausible size", largest, plausible_limit, "1"))
     return checks.product([*made, *named_parameters.checks(found, agreement_limit)])
