@@ -6,8 +6,12 @@ starts. Nothing here imports Prefect before it is wanted: workers import this mo
 
 import collections
 import contextlib
+import functools
+import heapq
 import itertools
+import json
 import os
+import sqlite3
 import threading
 import time
 import traceback
@@ -62,6 +66,32 @@ class Campaign:
         return discover.as_calibration(self.calibration, self.search == "limits")
 
 
+class Rows(collections.abc.Sequence):
+    """Rows of the events of a campaign, in a temporary file: memory does not grow with what is done."""
+
+    def __init__(self, sources):
+        self.sources, self.counts, self.origins = sources, collections.Counter(), set()
+        self._file = sqlite3.connect("", isolation_level=None, check_same_thread=False)  # goes when it is closed
+        self._file.execute("CREATE TABLE rows (number INTEGER PRIMARY KEY, row TEXT)")
+
+    def __len__(self):
+        """As many as there are events."""
+        return len(self.sources)
+
+    def __getitem__(self, number):
+        """Row of an event that is done."""
+        (text,) = self._file.execute("SELECT row FROM rows WHERE number = ?", (range(len(self))[number],)).fetchone()
+        return json.loads(text)
+
+    def add(self, number, row):
+        """Keep the row of an event; one that failed says whether its records are simulated."""
+        if row["status"] == "failed" and hasattr(self.sources[number], "folder"):
+            row = row | {"origin": command.origin_of(self.sources[number])}
+        self._file.execute("INSERT INTO rows VALUES (?, ?)", (number, json.dumps(row)))
+        self.counts[row["status"]] += 1
+        self.origins.add(row.get("origin", ""))
+
+
 def failed_last(campaign, sources):
     """Sources of the events whose last run in this configuration failed, and of those that are refused."""
     name = campaign.one.flow.flow_name
@@ -82,27 +112,23 @@ def run(campaign, sources, listener=None):
     """
     engine.single_threaded()
     listener = listener or (lambda _: None)
-    rows, waiting = [], {}
+    rows, waiting = Rows(sources), {}
     for number, source in enumerate(sources):
-        rows.append(answered(campaign, source))
-        if rows[-1] is None:
+        row = answered(campaign, source)
+        if row is None:
             waiting[number] = source
         else:
-            listener(rows[-1])
+            rows.add(number, row)
+            listener(row)
     if waiting:
-        for number, row in _made(campaign, waiting, listener).items():
-            rows[number] = row
-    for row, source in zip(rows, sources, strict=True):
-        if row["status"] == "failed" and hasattr(source, "folder"):
-            row["origin"] = command.origin_of(source)
-    counts = collections.Counter(row["status"] for row in rows)
+        _make_all(campaign, waiting, rows, listener)
     return {
         "schema_version": schemas.VERSION,
-        "status": next((status for status in ORDER if counts[status]), "no_data"),
+        "status": next((status for status in ORDER if rows.counts[status]), "no_data"),
         "calibration": campaign.calibration,
         "configuration": campaign.chosen.configuration,
-        "origin": product.origins_together(row.get("origin", "") for row in rows) or product.MEASURED,
-        "counts": dict(counts),
+        "origin": product.origins_together(rows.origins) or product.MEASURED,
+        "counts": dict(rows.counts),
         "events": rows,
     }
 
@@ -220,17 +246,24 @@ def cluster(campaign, count):
         yield client
 
 
-def _made(campaign, waiting, listener):
-    """Rows by number of the events that have something to make; workers begin while a server still starts."""
-    folder, rows = str(location.folder()), {}
+def _make_all(campaign, waiting, rows, listener):
+    """Add the rows of the events that have something to make; workers begin while a server still starts."""
+    folder = str(location.folder())
+
+    def heard(number, row):
+        rows.add(number, row)
+        if campaign.engine != "flow":  # its tasks show them
+            listener(row)
+        return row
+
     if campaign.workers == 0:
         for number, source in waiting.items():
+            one = functools.partial(make, campaign, source, folder)
             if campaign.engine == "flow":
-                rows |= as_tasks({number: source}, lambda _, source=source: make(campaign, source, folder))
+                as_tasks({number: source}, lambda number, one=one: heard(number, one()))
             else:
-                rows[number] = make(campaign, source, folder)
-                listener(rows[number])
-        return rows
+                heard(number, one())
+        return None
     count = min(campaign.workers or os.cpu_count() or 1, len(waiting))
     with server.early(campaign.engine == "prefect") as begun, cluster(campaign, count) as client:
         futures, rest, gate = {}, iter(waiting.items()), threading.Lock()
@@ -254,54 +287,51 @@ def _made(campaign, waiting, listener):
             with gate:
                 futures.pop(number).release()
                 hand_out(max(0, AHEAD - len(futures)))
-            if campaign.engine != "flow":  # its tasks show them
-                listener(row)
-            return row
+                return heard(number, row)
 
         if campaign.engine == "flow":
             return as_tasks(waiting, row_of)
         if campaign.engine == "prefect":
             try:
-                return _through_prefect(campaign, waiting, row_of, begun or server.begin())
+                return _through_prefect(campaign, waiting, row_of, rows, begun or server.begin())
             except server.Unavailable as error:
                 engine.warn(f"Prefect's server is not available ({error}); running without it.")
-        return {number: row_of(number) for number in waiting}
+        for number in waiting:
+            row_of(number)
+        return None
 
 
-def _through_prefect(campaign, waiting, row_of, begun):
-    """Rows by number, each event a task of one flow on a server that answers."""
+def _through_prefect(campaign, waiting, row_of, rows, begun):
+    """Make the events as tasks of one flow on a server that answers; beside it a table of the first of them."""
 
     def events():
         from prefect.artifacts import create_table_artifact
 
-        rows = as_tasks(waiting, row_of)
-        shown, left_out = table(list(rows.values()))
+        as_tasks(waiting, row_of)
+        shown, left_out = table(rows[number] for number in waiting)
         description = f"Events of the campaign that had something to make{left_out}"
         create_table_artifact(table=shown, key=f"{slug(campaign.calibration)}-events", description=description)
-        return rows
 
     with server.running(begun) as url:
-        return through_prefect.flow_on(url, events, f"campaign {campaign.calibration}", lambda: len(waiting))
+        through_prefect.flow_on(url, events, f"campaign {campaign.calibration}", lambda: len(waiting))
 
 
 def as_tasks(waiting, row_of):
-    """Rows by number, each event a task of the Prefect flow that is running; its threads only wait for workers."""
+    """Make the events, each a task of the Prefect flow that is running; its threads only wait for workers."""
     import prefect
     from prefect.cache_policies import NO_CACHE
 
-    rows, futures, numbers = {}, [], list(waiting)
+    futures, numbers = [], list(waiting)
     size = -(-len(numbers) // TASKS)
     for batch in (numbers[first : first + size] for first in range(0, len(numbers), size or 1)):
 
         def events(batch=batch):
-            rows.update((number, row_of(number)) for number in batch)
-            return state_of([rows[number] for number in batch])  # rows are not: Prefect would keep each part of them
+            return state_of([row_of(number) for number in batch])  # rows are not: Prefect would keep each part of them
 
         name = " to ".join(dict.fromkeys(str(waiting[number].event) for number in (batch[0], batch[-1])))
         futures.append(prefect.task(events, name=name, cache_policy=NO_CACHE, persist_result=False).submit())
     for future in futures:
         future.wait()
-    return rows
 
 
 def state_of(rows):
@@ -322,9 +352,11 @@ def state_of(rows):
 
 def table(rows):
     """Rows as a page can show them, the failed first; and in words what is left out, "" if nothing is."""
-    ordered = sorted(rows, key=lambda row: (row["status"] != "failed", row["status"] != "questionable"))
-    left_out = f"; {len(rows) - ROWS} of {len(rows)} events are not shown" if len(rows) > ROWS else ""
-    return ordered[:ROWS], left_out
+    count = itertools.count()
+    numbered = ((row["status"] != "failed", row["status"] != "questionable", next(count), row) for row in rows)
+    shown = [row for *_, row in heapq.nsmallest(ROWS, numbered)]
+    total = next(count)
+    return shown, f"; {total - ROWS} of {total} events are not shown" if total > ROWS else ""
 
 
 def slug(name):

@@ -488,7 +488,7 @@ def campaign(
             output.say("nothing failed the last time")
     with output.events_progress(len(sources)) as listener:
         summary = campaigns.run(how, sources, listener)
-    output.campaign(summary, json)
+    output.campaign(summary, campaigns.table(summary["events"]), json)
     raise typer.Exit(campaigns.exit_code(summary))
 
 

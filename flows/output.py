@@ -54,15 +54,29 @@ def write_json(document, path):
     """Write a document where it is wanted: nowhere, into a file, or to standard output."""
     if path is None:
         return
-    text = json.dumps(document, indent=1, allow_nan=False)
     if str(path) == "-":
-        say(text)
+        sys.stdout.writelines(_text(document))
     else:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text + "\n")
+            with path.open("w") as stream:
+                stream.writelines(_text(document))
         except OSError as error:
             raise ProductError(f"{path}: the document cannot be written ({error.strerror}). Free its place.") from error
+
+
+def _text(document):
+    """Text of a document in parts; the rows of a campaign, which may be many, one by one."""
+    encoder = json.JSONEncoder(indent=1, allow_nan=False)
+    rows = document.get("events") if isinstance(document, dict) else None
+    if rows is None or isinstance(rows, list):
+        yield encoder.encode(document) + "\n"
+        return
+    before, after = encoder.encode(document | {"events": []}).split('"events": []')
+    yield before + '"events": ['
+    for number, row in enumerate(rows):
+        yield ("," if number else "") + "\n" + textwrap.indent(encoder.encode(row), "  ")
+    yield "\n ]" + after + "\n"
 
 
 def delivered(document, path):
@@ -158,18 +172,21 @@ def manoeuvres(document, json_path):
     say(f"{foreword(document.get('origin', 'measured'))}{len(rows)} manoeuvre(s)")
 
 
-def campaign(summary, json_path):
-    """Table of a campaign: what was delivered, what failed and why."""
+def campaign(summary, first, json_path):
+    """Table of the first rows of a campaign: what was delivered, what failed and why.
+
+    `first` are rows as they are shown and in words what is left out.
+    """
     if not delivered(summary, json_path):
         return
     names = ("event", "status", "made", "reused", "seconds")
     if summary.get("origin", "measured") != "measured":
         names = (*names[:2], "origin", *names[2:])
-    order = ("failed", "questionable", "no_data", "no_manoeuvre", "delivered")  # failed first
-    rows = sorted(summary["events"], key=lambda row: order.index(row["status"]))
-    told = [[*(row.get(name, "") for name in names), row.get("error") or row.get("said", "")] for row in rows]
+    shown, left_out = first
+    told = [[*(row.get(name, "") for name in names), row.get("error") or row.get("said", "")] for row in shown]
     table([*names, "values or reason"], told)
-    say(", ".join(f"{status}: {count}" for status, count in sorted(summary["counts"].items())))
+    say(", ".join(f"{status}: {count}" for status, count in sorted(summary["counts"].items())) + left_out)
+    rows = summary["events"]
     answered = sum("since" in row for row in rows)
     if answered:
         say(f"{answered} failed as before: nothing they depend on has changed (--only-failed tries again)")

@@ -49,6 +49,7 @@ DAMAGED = (OSError, RuntimeError, KeyError, ValueError, TypeError)
 PACKED_DAMAGED = (EOFError, OSError, zlib.error, tarfile.TarError)
 FETCH_AGAIN = "Fetch the file again from the official archive."
 REMEDY = "Fetch the file again from the official archive, or raise GRAVCAL_UNPACKED_LIMIT (MB) if it is genuine."
+LISTED = 8  # folders, the last ones listed
 _listed = {}
 
 
@@ -217,6 +218,8 @@ def _listing(folder):
     listed = Listing(tuple(files), index, stamps)
     if max(changed for _, changed in stamps.values()) < time.time_ns() - SETTLED_NS:
         _listed[folder] = listed
+        for old in list(_listed)[:-LISTED]:
+            del _listed[old]
     return listed
 
 

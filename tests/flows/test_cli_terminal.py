@@ -12,7 +12,7 @@ import pytest
 from typer.main import get_command
 from typer.testing import CliRunner
 
-from flows import cli, engine, output
+from flows import campaign, cli, engine, output
 from gravcal.store import configurations, results
 
 GRAVCAL = (sys.executable, "-c", "from flows.cli import main; main()")
@@ -186,7 +186,8 @@ def test_manoeuvres_and_campaigns_are_tables(capsys):
     values = [results.Value("", axis, "um", 10.04, 2.2, 8.1) for axis in "xy"]
     rows = [{"event": "a", "status": "delivered", "said": results.text(values)} | effort,
             {"event": "b", "status": "failed", "error": "no clock"} | effort]  # fmt: skip
-    output.campaign({"events": rows, "counts": {"delivered": 1, "failed": 1}, "configuration": "operational"}, None)
+    summary = {"events": rows, "counts": {"delivered": 1, "failed": 1}, "configuration": "operational"}
+    output.campaign(summary, campaign.table(rows), None)
     heads, first, second = capsys.readouterr().out.splitlines()[:3]
     assert heads.endswith("values or reason")
     assert first.endswith("no clock")
