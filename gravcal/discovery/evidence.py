@@ -28,6 +28,7 @@ class Cause:
     names: Sequence[str]
     units: Sequence[str]
     prior: np.ndarray
+    shared: float = 0.0  #: largest error of its value that all events share
 
 
 @dataclass(frozen=True)
@@ -66,7 +67,17 @@ def evidence(observed: Observations | None, *masses: xr.Dataset) -> xr.Dataset:
         "start": np.asarray(observed.start, dtype=float).tolist(),
         "measured": {"year": float(np.median(time)) / YEAR_S} | observed.circumstances | fuel(masses, np.median(time)),
         "common": np.broadcast_to(observed.common, count).tolist(),
-        "causes": [[one.cause, one.form, one.names, one.units, list(map(float, one.prior))] for one in every],
+        "causes": [
+            [
+                one.cause,
+                one.form,
+                one.names,
+                one.units,
+                list(map(float, one.prior)),
+                observed.shared.get(one.cause, 0.0),
+            ]
+            for one in every
+        ],
     }
     about = {"gram": ("column other", "products of whitened columns"), "size": ("column", "norm of the columns")}
     values = {"gram": gram, "size": problem.size[kept]}
@@ -101,10 +112,10 @@ def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Even
     found = []
     for numbers, product, name in read:
         place, index, causes = 1 + len(numbers["start"]), [*range(1 + len(numbers["start"]))], []
-        for slug, form, names, units, prior in numbers["causes"]:
+        for slug, form, names, units, prior, alike in numbers["causes"]:
             if (slug, form, *names) in shared:
                 index += range(place, place + len(names))
-                causes.append(Cause(slug, form, names, units, np.array(prior)))
+                causes.append(Cause(slug, form, names, units, np.array(prior), alike))
             place += len(names)
         order = np.array(index)
         start, gram = np.array(numbers["start"]), product["gram"].values[np.ix_(order, order)]

@@ -144,10 +144,14 @@ class Search:
             prior.append(np.tile(self.causes[law.cause].prior, many))
         return np.concatenate(index), np.concatenate(weight, axis=1), np.concatenate(prior)
 
-    def products(self, laws: Sequence[Law]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def products(
+        self, laws: Sequence[Law], grams: np.ndarray | None = None
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Products (n, c, c) of the values of some laws in each event, their priors (c,) and norms (c,)."""
         index, weight, prior = self.columns(laws)
-        made = self.grams[:, index[:, None], index] * weight[:, :, None] * weight[:, None, :]
+        made = (
+            (self.grams if grams is None else grams)[:, index[:, None], index] * weight[:, :, None] * weight[:, None, :]
+        )
         own = np.stack([one.size[self.kept][index] for one in self.events])
         return made, prior, np.sqrt(np.sum((own * weight) ** 2, axis=0))
 
@@ -190,18 +194,32 @@ class Search:
 
     def _frame(self, cause, beside):
         """What all laws of a cause share: products in each event, and with the laws beside it."""
-        made, place = self.products(beside)[0], self.places[cause]
+        grams, place = self._less_shared(cause, beside), self.places[cause]
         index, weight, _ = self.columns(beside)
-        cross = self.grams[:, index[:, None], place] * weight[:, :, None]
-        total = made.sum(axis=0)
+        cross = grams[:, index[:, None], place] * weight[:, :, None]
+        total = self.products(beside, grams)[0].sum(axis=0)
         inverse = inverse_of(total[1:, 1:]) if total.shape[0] > 1 else np.zeros((0, 0))
         own = np.stack([one.size[self.kept][place] ** 2 for one in self.events])
-        return self.grams[:, place[:, None], place], cross, inverse, total[0, 1:] @ inverse, own
+        return grams[:, place[:, None], place], cross, inverse, total[0, 1:] @ inverse, own
+
+    def _less_shared(self, cause, beside):
+        """Products less so much of a cause in the observed rows as an error that all events share may be."""
+        largest, place = self.causes[cause].shared, self.places[cause][0]
+        if not largest:
+            return self.grams
+        total = self.products([*beside, Law(cause, "constant", np.ones((len(self.events), 1)), ["all"])])[0].sum(axis=0)
+        total = attribution.projected(total, np.arange(1, total.shape[0] - 1))
+        alike = float(np.clip(total[0, -1] / max(total[-1, -1], 1e-300), -largest, largest))
+        made = self.grams.copy()
+        made[:, 0] -= alike * made[:, place]
+        made[:, :, 0] -= alike * made[:, :, place]
+        return made
 
     def _judged_each(self, cause, beside):
         """The same of a cause that is different in each event, its parameters projected out there."""
         place, prior = self.places[cause], self.causes[cause].prior
-        made = self.products([*beside, Law(cause, "constant", np.ones((len(self.events), 1)), ["all"])])[0]
+        constant = Law(cause, "constant", np.ones((len(self.events), 1)), ["all"])
+        made = self.products([*beside, constant], self._less_shared(cause, beside))[0]
         last, seen = np.arange(made.shape[1] - place.size, made.shape[1]), []
         for one, whole, event in zip(made, self.grams, self.events, strict=True):
             factor = attribution.spread(whole, slice(place[0], place[-1] + 1), event.size[self.kept])
@@ -308,13 +326,18 @@ class Search:
         return Result(found, covariance, offset, spread, np.stack([alone[0], error], axis=2), contradicting, tried)
 
     def _values(self, laws, scales):
-        """Values (r,) of the laws with their covariance, held by so many times their priors."""
+        """Values (r,) of the laws with their covariance, held by so many times their priors; with errors all share."""
         made, prior, _ = self.products(laws)
         total = made.sum(axis=0)
         many = [law.weights.shape[1] * self.places[law.cause].size for law in laws]
         held = np.repeat(scales, many) * prior[1:]
         covariance = np.linalg.inv(total[1:, 1:] + np.diag(1 / held**2)) if held.size else np.zeros((0, 0))
-        return covariance @ total[1:, 0], covariance
+        value, ends = covariance @ total[1:, 0], np.cumsum([0, *many])
+        for law, start, stop in zip(laws, ends[:-1], ends[1:], strict=True):
+            if largest := self.causes[law.cause].shared:  # a constant of all events, as likely at any size up to there
+                constant = np.linalg.lstsq(law.weights, np.ones(len(self.events)))[0]
+                covariance[start:stop, start:stop] += largest**2 / 3 * np.outer(constant, constant)
+        return value, covariance
 
     def _apart(self, cause, others, each):
         """Values of a cause in each event by itself, and the chi-square of one value for all, beside other laws."""

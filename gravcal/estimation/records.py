@@ -259,6 +259,7 @@ class Observations(Protocol):
     expected : {parameter: (value, largest distance from it)} in the reported unit; what is further off is questionable
     circumstances : quantities of the event that a cause may follow from event to event, such as the angle of the Sun
     common : (p,) SI, error of the parameters that all events share and no data show
+    shared : {slug: SI}, largest error of a cause of one parameter that all events share
     """
 
     name: str
@@ -284,6 +285,7 @@ class Observations(Protocol):
     expected: Mapping[str, tuple[float, float]] = {}
     circumstances: Mapping[str, float] = {}
     common: np.ndarray | float = 0.0
+    shared: Mapping[str, float] = {}
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form.

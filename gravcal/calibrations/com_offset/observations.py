@@ -100,6 +100,12 @@ class ComOffset(Observations):
         return responses.candidates(self.views, self.smoothed, self.aligned["start"].values)
 
     @property
+    def shared(self) -> dict[str, float]:
+        """Delays s that edges look like which fall alike between two samples of the accelerometer in all events."""
+        half = float(np.median(np.diff(self.smoothed["time_acc"].values))) / 2
+        return dict.fromkeys(("timing.accelerometer_delay", "timing.star_camera_delay"), half)
+
+    @property
     def circumstances(self) -> dict[str, float]:
         """Angle deg of the Sun above the orbit, and mean distance deg of the manoeuvres from the equator."""
         time, position = self.views[0].orbit
