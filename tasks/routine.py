@@ -27,7 +27,7 @@ def estimate(aligned, **settings):
     return science.estimate(aligned, **settings)
 
 
-@stage(reads=["routine.estimate"], writes="routine.checks", version=1)
+@stage(reads=["routine.estimate"], writes="routine.checks", version=2)
 def checks(found, **settings):
     """Parts of the result."""
     return science.check(found, **settings)

@@ -95,6 +95,28 @@ def test_an_accelerometer_gives_back_what_firings_do(day):
     assert gain["accelerometer.current_leak"] < 40  # nine parameters of nothing
 
 
+@pytest.mark.parametrize(("product", "late"), [("THR1B", 137), ("ACC1A", 137)])
+def test_records_shifted_against_each_other_name_their_delay(day, tmp_path, product, late):
+    """Recovery: tags 137 s late: the delay within its error, the impulses as before; the result is questionable."""
+    for path in day[0].iterdir():
+        (tmp_path / path.name).symlink_to(path)
+    name = writers.file_name(product, DAY, "C")
+    tags = "rcvtime_intg" if product == "ACC1A" else "time_intg"
+    columns = {k: v.values for k, v in readers.read(archive.find(tmp_path, product, "C", DAY)).items()}
+    (tmp_path / name).unlink()
+    writers.write(columns | {tags: columns[tags] + late}, tmp_path / name)
+    found, _ = commands.run("routine", tmp_path, search=0)
+    failed = {one["name"] for one in found["checks"] if not one["passed"]}
+    assert "accelerometer: tags of firings against readings" in failed
+    true = day[1]["delay"] + (late if product == "THR1B" else -late)
+    assert found["parameters"]["accelerometer_delay"]["value"] == pytest.approx(true, abs=0.01)
+    if product == "THR1B":
+        found, _ = commands.run("routine", tmp_path, discovery=True)
+        own = {one["cause"]: one["parameters"] for one in found["findings"] if one["part"] == "accelerometer"}
+        assert set(own) <= {"timing.thruster_delay", observations.FIRINGS, accelerometer.FORCE, accelerometer.TORQUE}
+        assert own["timing.thruster_delay"]["delay"]["value"] == pytest.approx(true, abs=0.05)
+
+
 def test_a_share_of_a_step_is_that_of_its_samples(day):
     """Analytic: samples 0.09999 s apart drift through the steps; shares of all steps add up to the time on."""
     records = aligned(day[0])

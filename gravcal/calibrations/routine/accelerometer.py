@@ -26,7 +26,9 @@ COMPONENTS = ("linear_x", "linear_y", "linear_z", "angular_x", "angular_y", "ang
 ITERATIONS = 5  # of noise and delay
 CALMER = 5  # times that samples beyond noise are left out of it
 TOGETHER_S = 8.0  # of the samples of a transient
-LATEST_S = 5.0  # by which tags of firings are late or early at most
+LATEST_S = 5.0  # by which tags of firings are late or early, about a lag that stands out
+APART_S = 600  # longest lag that is looked for
+CLEARLY = 2.0  # times what any lag elsewhere gains
 FORCE, TORQUE, DELAY = "unknown:thruster_force", "unknown:thruster_torque", "timing.thruster_delay"
 
 
@@ -296,10 +298,29 @@ def _first_delay(aligned, pieces, observed):
     rows, series = np.concatenate([rows for rows, *_ in pieces]), np.nan_to_num(np.concatenate(left))
     series = series / np.maximum(series.std(axis=0), 1e-300)
     step = float(aligned["step"]) / 20
-    tried = step * np.arange(-int(LATEST_S / step), int(LATEST_S / step) + 1)
+    tried = step * np.arange(-int(LATEST_S / step), int(LATEST_S / step) + 1) + _lag(aligned, rows, series)
     share = [duty(aligned, delay)[rows] for delay in tried]
     gains = [np.sum((least_squares.orthonormal(one).T @ series) ** 2) for one in share]
     return float(tried[int(np.argmax(gains))]) if np.max(gains) > 0 else 0.0
+
+
+def _lag(aligned, rows, series):
+    """Whole steps, s, by which firings are tagged late where a lag beyond LATEST_S stands out, else 0.
+
+    Squares of the correlation of the readings with the share that each pair is on, by lag.
+    """
+    step, share = float(aligned["step"]), duty(aligned, 0.0)
+    read = np.zeros((len(share), series.shape[1]))
+    read[rows] = series
+    length, most = 2 * len(share), min(int(APART_S / step), len(share) // 2)
+    moved, seen = np.fft.rfft(share, length, axis=0), np.fft.rfft(read, length, axis=0).conj()
+    gain = np.zeros(length)
+    for one, size in zip(moved.T, np.sum(share**2, axis=0), strict=True):
+        gain += np.sum(np.fft.irfft(one[:, None] * seen, length, axis=0) ** 2, axis=1) / max(size, 1e-300)
+    lag, near = np.arange(-most, most + 1), max(int(LATEST_S / step), 1)
+    best = int(lag[np.argmax(gain[lag])])
+    clear = gain[best] > CLEARLY * np.max(gain[lag[np.abs(lag - best) > near]], initial=0.0)
+    return step * best if clear and abs(best) > near else 0.0
 
 
 def _gains(known, information, value):
@@ -369,6 +390,8 @@ def _transients(aligned, pieces, left, noises, limit):
     return dict(zip(("transient", "transient_swings"), np.reshape(found, (-1, 2)).T, strict=True))
 
 
-def check(found: xr.Dataset, *, agreement_limit: float) -> xr.Dataset:
-    """Checks of the result, its parts by the probability that they disagree so much."""
-    return checks.product(named_parameters.checks(found, agreement_limit))
+def check(found: xr.Dataset, *, agreement_limit: float, delay_limit_s: float) -> xr.Dataset:
+    """Checks of the result: its parts by the probability that they disagree so much, tags of firings by their delay."""
+    delay = found["value"].values[list(map(str, found["parameter"].values)).index("delay")]
+    made = [checks.at_most("tags of firings against readings", abs(float(np.nan_to_num(delay))), delay_limit_s, "s")]
+    return checks.product([*made, *named_parameters.checks(found, agreement_limit)])
