@@ -34,7 +34,7 @@ def truth(file):
     return model.truth(files.read_sgrs(file, truth=True))
 
 
-@stage(reads=["ingest", "gradient_torque.field"], writes="gradient_torque.gradient", version=1)
+@stage(reads=["ingest", "gradient_torque.field"], writes="gradient_torque.gradient", version=2)
 def gradient(observed, stored, **settings):
     """Gravity gradient in b, and rates smoothed over time."""
     return model.gradient(observed, stored, **settings)
@@ -46,7 +46,7 @@ def torque(modelled, observed, stored, **settings):
     return model.torque(modelled, observed, stored, **settings)
 
 
-@stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=2)
+@stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=3)
 def drag(modelled, *, variant, **settings):
     """Drag by one method."""
     return estimate.drag(modelled, variant=variant, **settings)

@@ -21,6 +21,7 @@ KNOWN = (
     *(e.slug for e in EFFECTS),
     *("torque.aerodynamic", "torque.residual_dipole", "attitude.star_camera_misalignment"),
 )
+BEYOND = np.linalg.solve(np.vander(np.arange(6.0)).T, np.vander(np.arange(6.0, 9.0), 6).T).T  # a polynomial goes on
 PASSES = 5  # torque and motion in turn; gravity gradient and coupling are a tenth of the control: 1e-5 of the torque
 
 
@@ -158,7 +159,7 @@ def _motion(time, chosen, body, effects, field, drag, rng):
     top, bottom, _ = cont2discrete(plant, chosen.step_s, method="foh")
     angle, coupling = np.zeros_like(drag), np.zeros_like(drag)
     for _ in range(PASSES):
-        turned = np.pad(angle, ((3, 3), (0, 0)), "reflect", reflect_type="odd")
+        turned = np.concatenate([(BEYOND @ angle[5::-1])[::-1], angle, BEYOND @ angle[-6:]])
         quaternion = frames.continuous(frames.quaternion_product(nominal, frames.from_rotation_vector(turned)))
         rates = kinematics.rates_from_attitude(padded - time[0], quaternion, half_width=3, degree=6)
         rate, rate_dot = (part[inner] for part in rates)

@@ -1,7 +1,8 @@
 """Attitude over time from star camera and angular accelerations together: angles, rates and their covariance.
 
-Three small angles from the orbit frame are splines of degree five in time. Least squares over the record has banded
-normal equations, and what is needed of the inverse lies inside the band.
+Three small angles from the orbit frame are splines of degree five in time. Torque changes slowly, and the record says
+how slowly. Least squares over the record has banded normal equations, and what is needed of the inverse lies inside
+the band.
 """
 
 from dataclasses import dataclass
@@ -9,6 +10,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.interpolate import BSpline, CubicHermiteSpline, CubicSpline
 from scipy.linalg import cho_solve_banded, cholesky_banded
+from scipy.linalg.blas import dsbmv
+from scipy.ndimage import binary_opening, maximum_filter1d
+from scipy.optimize import minimize
 
 from gravcal.errors import EstimationError
 from gravcal.physics import frames, kinematics
@@ -20,6 +24,14 @@ NODE_STEP = 10.0  # s; 1e-2 rad of orbit, a polynomial of degree six over seven 
 DEGREE = 5  # second derivatives are cubic
 ACTIVE = DEGREE + 1  # splines that differ from zero at an epoch
 WIDTH = 3 * ACTIVE
+CORNERS = np.log([0.3, 0.1])  # of torque, over the rate of the knots: where the search begins
+LIMITS = np.log([0.05, 10.0])  # below normal equations lose their digits, above splines are free
+TOLERANCE = {"xatol": 0.03, "fatol": 0.5}  # of the logarithms of corners and of their evidence
+RARE = 45.0  # squared sum of angular readings beyond the fit over its median: 4.5 sigma, once in two days by chance
+LOST = 100  # knots without an attitude, which leave the normal equations no digits beside the prior
+JERK = np.diff(np.eye(ACTIVE), 3, axis=0)  # coefficients of the third derivative, a quadratic spline
+GRAM = np.array([[6, 13, 1], [13, 54, 13], [1, 13, 6]]) / 120  # its square over a knot interval, integrated
+BEND = np.outer([1, -2, 1], [1, -2, 1])  # that of the fifth derivative, which is constant
 
 
 def orbit_frame(position_i, velocity_i):
@@ -125,6 +137,7 @@ class Basis:
     start: np.ndarray  #: (n,) index of the first active spline
     order: np.ndarray  #: (n,) number of an epoch within its knot interval
     count: int  #: number of splines
+    step: float  #: s, distance of the knots
 
 
 def basis(time, knot_step):
@@ -137,7 +150,7 @@ def basis(time, knot_step):
     at = (unit - start)[:, None] + np.arange(DEGREE, -1, -1)
     values = [np.nan_to_num(shape.derivative(k)(at) if k else shape(at)) / step**k for k in range(3)]
     order = np.arange(time.size) - np.searchsorted(start, start)
-    return Basis(np.array(values), start, order, pieces + DEGREE)
+    return Basis(np.array(values), start, order, pieces + DEGREE, step)
 
 
 def _by_interval(table, rows):
@@ -171,13 +184,70 @@ def normal(blocks, table):
     last = 3 * (table.count - ACTIVE) + 1
     for operator, residual in blocks:
         rows = _design(operator, table).reshape(table.count - DEGREE, -1, WIDTH)
-        squares = np.swapaxes(rows, 1, 2) @ rows
+        band += _banded(np.swapaxes(rows, 1, 2) @ rows, 3)
         products = np.einsum("pki,pk->pi", rows, _by_interval(table, residual).reshape(len(rows), -1))
         for i in range(WIDTH):
             right[i : i + last : 3] += products[:, i]
-            for j in range(i + 1):
-                band[i - j, j : j + last : 3] += squares[:, i, j]
     return band, right
+
+
+def _banded(squares, shift):
+    """Lower band of the sum of squares (m, k, k) of knot intervals, each `shift` unknowns after the one before."""
+    pieces, width = squares.shape[:2]
+    last = shift * (pieces - 1) + 1
+    band = np.zeros((width, last + width - 1))
+    for i in range(width):
+        for j in range(i + 1):
+            band[i - j, j : j + last : shift] += squares[:, i, j]
+    return band
+
+
+def torque_prior(corners, white, free, step):
+    """Lower bands of the prior of one angle: of its splines (6, count), of their third derivative (3, count - 3).
+
+    Parameters
+    ----------
+    corners : (2,) logarithms of frequencies over the rate of the knots
+    white : rad2 s-3, density of the angular noise
+    free : (count - 5,) bool, knot intervals in which torque may change at will
+    step : s, distance of the knots
+
+    Notes
+    -----
+    Torque over inertia has the density white / [(w/w1)^2 + (w/w3)^6], a random walk that falls steeply beyond a corner:
+    -2 log p is the integral of [(d3/w1)^2 + (d5/w3^3)^2] / white, with d3 and d5 the derivatives of the angle.
+    """
+    w = 2 * np.pi * np.exp([corners, np.full(2, LIMITS[1])]) / step
+    costs = step / white * np.stack([GRAM / w1**2 + BEND / step**4 / w3**6 for w1, w3 in w])
+    kind = free.astype(int)
+    return _banded((JERK.T @ costs @ JERK / step**6)[kind], 1), _banded(costs[kind], 1)
+
+
+def _pull(inner, coefficients, step):
+    """Product (count,) of prior and coefficients, and that with the coefficients; exact since made of differences."""
+    jerk = np.diff(coefficients, 3) / step**3
+    force = dsbmv(2, 1.0, inner, jerk, lower=1)
+    return -np.diff(np.pad(force, 3), 3) / step**3, jerk @ force
+
+
+def unlikeliness(corners, data, right, start, *given):
+    """Minus the logarithm of the evidence of the observations of one angle, but for what no corner changes.
+
+    Parameters
+    ----------
+    corners, given : arguments of torque_prior
+    data, right, start : (6, count), (count,) normal equations of the observations at the coefficients start (count,)
+
+    Notes
+    -----
+    2 log p = log|M| - log|N + P| + g^T (N + P)^-1 g - c^T P c with g = A^T r - P c, and M the prior of the third
+    derivative: of angle, rate and torque at the start P says nothing.
+    """
+    splines, inner = torque_prior(corners, *given)
+    pull, square = _pull(inner, start, given[-1])
+    whole, jerk = (cholesky_banded(band, lower=True, check_finite=False) for band in (data + splines, inner))
+    fit = (right - pull) @ cho_solve_banded((whole, True), right - pull, check_finite=False) - square
+    return np.sum(np.log(whole[0])) - np.sum(np.log(jerk[0])) - fit / 2
 
 
 def solve(band, right):
@@ -258,7 +328,7 @@ class Attitude:
         derivatives, each (n, 3, 3, 3)
     table : splines
     covariance : blocks of the covariance of the splines
-    chi2, dof : of star camera and angular accelerations together
+    chi2, dof : of star camera and angular accelerations together; observations less what of them the fit takes up
     """
 
     angle: np.ndarray
@@ -270,7 +340,7 @@ class Attitude:
     table: Basis
     covariance: tuple
     chi2: float
-    dof: int
+    dof: float
 
     def covariance_of(self, by_angle, by_rate, by_rate_dot):
         """Covariance (n, 3, 3) of what changes so (n, 3, 3) with small rotation in b, rate and its derivative."""
@@ -293,7 +363,8 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
 
     Notes
     -----
-    al_TM/B = al_TM - w_B'; equations.md, section 8.5. The rates come out consistent with the attitude.
+    al_TM/B = al_TM - w_B'; equations.md, section 8.5. The rates come out consistent with the attitude. How slowly the
+    torque of each axis changes is what makes the record most likely; where readings deny it splines are free.
     """
     table = basis(time, knot_step)
     R_oi, *rates_o = orbit
@@ -304,7 +375,9 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
         )
     unit = np.where(usable[:, None], quaternion, [1.0, 0, 0, 0])
     measured = angles(unit / np.linalg.norm(unit, axis=1, keepdims=True), R_oi)
-    coefficients = np.zeros((table.count, 3))
+    coefficients, corners = np.zeros((table.count, 3)), np.tile(CORNERS, (3, 1))
+    lost = binary_opening(~_by_interval(table, usable).any(axis=1), np.ones(LOST))
+    white, free = angular_sigma**2 * np.median(np.diff(time)), np.repeat(lost[:, None], 3, axis=1)
     for iteration in range(ITERATIONS + 1):
         active = coefficients[table.start[:, None] + np.arange(ACTIVE)]
         angle, angle_dot, angle_ddot = np.einsum("dnk,nki->dni", table.values, active)
@@ -325,12 +398,33 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
         if iteration < ITERATIONS:
             band, right = normal(blocks, table)
             band[0] += 1 / ANGLE_PRIOR**2
-            step = solve(band, right - coefficients.ravel() / ANGLE_PRIOR**2)
-            coefficients = coefficients + step.reshape(-1, 3)
+            right -= coefficients.ravel() / ANGLE_PRIOR**2
+            if iteration:
+                free |= _jumps(blocks[1][1], table)
+            for k, start in enumerate(coefficients.T):
+                given = white[k], free[:, k], table.step
+                if iteration:
+                    data = band[::3, k::3].copy(), right[k::3].copy(), start, *given
+                    search = {"method": "Nelder-Mead", "bounds": [LIMITS] * 2, "options": TOLERANCE}
+                    corners[k] = minimize(unlikeliness, corners[k], data, **search).x
+                splines, inner = torque_prior(corners[k], *given)
+                band[::3, k::3] += splines
+                right[k::3] -= _pull(inner, start, table.step)[0]
+            coefficients = coefficients + solve(band, right).reshape(-1, 3)
+    covariance = band_covariance(band)
     chi2 = sum(float(np.sum(residual**2)) for _, residual in blocks)
     rows = sum(int(np.count_nonzero(np.any(operator != 0, axis=(1, 3)))) for operator, _ in blocks)
+    fitted = sum(float(np.einsum("nii->", propagate(operator, table, covariance))) for operator, _ in blocks)
     smoothed = (angle, angle_dot, R_bi, rate_b, rate_dot_b)
-    return Attitude(*smoothed, operators, table, band_covariance(band), chi2, rows - 3 * table.count)
+    return Attitude(*smoothed, operators, table, covariance, chi2, rows - fitted)
+
+
+def _jumps(residual, table):
+    """Knot intervals (m, 3) in which angular readings deny a torque that changes slowly, and their neighbours."""
+    rows = _by_interval(table, residual)
+    size = rows.sum(axis=1) ** 2 / np.maximum(np.count_nonzero(rows, axis=1), 1)
+    usual = np.median(size[rows.any(axis=(1, 2))], axis=0) if rows.any() else np.inf
+    return maximum_filter1d(size > RARE * usual, 5, axis=0)
 
 
 def _whitened(operator, residual, sigma):

@@ -89,13 +89,12 @@ def drag(
         "budget": np.stack([np.sqrt(np.mean(np.diagonal(part, axis1=1, axis2=2), axis=0)) for part in parts]),
     }
     if method == "one_sensor" and control_hz > 0:
-        torque = uncontrolled_torque(
-            modelled, "one_sensor", np.array(satellite["inertia"]), control_hz, control_damping
-        )
-        width = max(1, round(torque_step_s / step))
-        value, covariance, rest = balance(
-            torque, drag_b, place, satellite, width=width, step=torque_step_s, order=torque_noise_order
-        )
+        inertia, kept = np.array(satellite["inertia"]), model.box_inertia(satellite, elongation)
+        held_back = np.nan_to_num(unsmoothed(modelled, method, sensors, kept))
+        torque = uncontrolled_torque(modelled, method, inertia, control_hz, control_damping)
+        both = torque + np.matvec(inertia, held_back), drag_b - np.cross(held_back, place)
+        options = {"width": max(1, round(torque_step_s / step)), "step": torque_step_s, "order": torque_noise_order}
+        value, covariance, rest = balance(*both, place, satellite, **options)
         rows = cross_matrix(value * satellite["mass"]) / np.maximum(rest, 1e-30)[:, None]
         gain = np.linalg.eigvals(held[len(held) // 2] @ rows.T @ rows).real.max()  # with the rest as white noise
         values |= {"pressure": value, "pressure_covariance": covariance, "torque_residual": rest, "torque_gain": gain}
@@ -148,12 +147,26 @@ def uncontrolled_torque(
     return np.matvec(inertia, wd) + np.cross(w, np.matvec(inertia, w)) - gradient + fed_back
 
 
+def unsmoothed(modelled: xr.Dataset, method: str, sensors: slice | list, test_mass_inertia: np.ndarray) -> np.ndarray:
+    """Angular acceleration (n, 3) rad s-2 that is read beyond the smoothed one; torque needs it not to be too small.
+
+    Parameters
+    ----------
+    modelled : Dataset, "gradient_torque.gradient"
+    method, sensors : of METHODS, whose motion is taken; numbers from 0, of which the mean is
+    test_mass_inertia : (3, 3) kg m2
+    """
+    w, wd = (modelled[name].values[METHODS.index(method)] for name in ("rate_b", "rate_dot_b"))
+    free = model.free_mass_angular_acceleration(test_mass_inertia, modelled["gradient_b"].values, w)
+    return free - modelled["angular_b"].values[:, sensors].mean(axis=1) - wd
+
+
 def balance(torque, drag_b, place, satellite, *, width, step, order):
     """Centre of pressure from the torque balance.
 
     Parameters
     ----------
-    torque, drag_b : (n, 3) N m, m s-2, uncontrolled_torque and the drag
+    torque, drag_b : (n, 3) N m, m s-2, uncontrolled torque and drag, with the angular acceleration as read
     place : (3,) m, of the test mass whose readings gave drag and angular acceleration
     satellite : inertia, mass, centre_of_pressure with sigma, angular_noise_density
     width, step : samples and s of a mean; noise of the regressor must stay far below its signal

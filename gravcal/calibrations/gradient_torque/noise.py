@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from gravcal.calibrations.gradient_torque.estimate import uncontrolled_torque
-from gravcal.calibrations.gradient_torque.model import box_inertia, free_mass_angular_acceleration
+from gravcal.calibrations.gradient_torque.estimate import uncontrolled_torque, unsmoothed
+from gravcal.calibrations.gradient_torque.model import box_inertia
 from gravcal.effects.gradient import apart, tensor
 from gravcal.estimation import noise
 from gravcal.estimation.least_squares import orthonormal
@@ -128,15 +128,12 @@ def _left_beside(series, columns):
     return left
 
 
-def of_attitude(about, R_bi, observed, modelled, settings) -> Channel:
+def of_attitude(about, R_bi, observed, modelled, beyond, settings) -> Channel:
     """Channel of the star camera against the angular readings: angles of each stretch, its start and rate free."""
     width = _width(about.time, settings["bin_s"])
     turned = R_bi @ np.swapaxes(frames.R_bi_from_quaternion(observed["q"].values), 1, 2)
     angle = np.stack([turned[:, i, j] - turned[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
-    angular = modelled["angular_b"].values.mean(axis=1)
-    inertia = box_inertia(settings["satellite"], settings["elongation"])
-    free = free_mass_angular_acceleration(inertia, about.gradient_b, about.rate_b)
-    residual = angular - (free - about.rate_dot_b)
+    angular, residual = modelled["angular_b"].values.mean(axis=1), -beyond
     time, turned = means(about.time, width), means(R_bi, width)
     bins = means(angle, width)
     good = np.isfinite(bins).all(axis=1) & np.isfinite(means(residual, width)).all(axis=1)
@@ -190,10 +187,13 @@ def channels_of(about, R_bi, observed, modelled, effects, settings) -> dict[str,
         difference = linear[:, 0] - linear[:, 1] + np.matvec(T, apart(about))
         noise_model = settings["bin_s"], settings["noise_order"]
         found["linear"] = coloured(about.time, difference, {"distance": -T}, list(effects), *noise_model)
-    found["attitude"] = of_attitude(about, R_bi, observed, modelled, settings)
+    test_mass = box_inertia(settings["satellite"], settings["elongation"])
+    beyond = unsmoothed(modelled, "two_sensor", slice(None), test_mass)
+    found["attitude"] = of_attitude(about, R_bi, observed, modelled, beyond, settings)
     if settings["control_hz"] > 0:
         control = settings["control_hz"], settings["control_damping"]
         torque = uncontrolled_torque(modelled, "two_sensor", about.inertia_b, *control)
+        torque = torque + np.matvec(about.inertia_b, np.nan_to_num(beyond))
         arm = -about.extra["mass"] * frames.cross_matrix(about.extra["non_gravitational_b"])
         noise_model = settings["torque_step_s"], settings["torque_noise_order"]
         found["torque"] = coloured(about.time, torque, {"pressure": arm, "constant": np.eye(3)}, [], *noise_model)

