@@ -129,6 +129,8 @@ def test_two_models_of_one_cause_are_told_apart(shop, ask, capsys):
         said = " ".join(capsys.readouterr().out.split())
         assert f"model {' '.join(settings)} " in said
         assert f"reason model: {reason}" in said
+    assert gravcal("settings", "com_offset") == 0
+    assert f"model={rod} 0.0298" in " ".join(capsys.readouterr().out.split())
     plain = put(f"{EVENT}/com_offset.combine", dataset(5), {"method": "gravcal"}, [shop["again"]["mtq"]])
     with location.configured("model-a"):
         moved = put(f"{EVENT}/com_offset.align:moved_1", dataset(98), model(0.0318), [shop["again"]["align"]])
