@@ -26,7 +26,7 @@ from tasks.stage import lazy, read
 
 GROUP = "gravcal.calibrations"
 EPOCH = datetime(2000, 1, 1, 12)  # of GPS seconds
-SI = {"um": 1e-6, "mm": 1e-3}
+SI = {"um": 1e-6, "mm": 1e-3, "m": 1.0}
 RESULT = ((1, "correction"), (2, "covariance"))  # of the result of a model: power of its unit, name
 WRITTEN = "Write it with gravcal discover."
 

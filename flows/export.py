@@ -13,6 +13,7 @@ import yaml
 
 from gravcal import __version__, catalog
 from gravcal.errors import CatalogError, refuse
+from gravcal.report import discovery
 from gravcal.store import history, housekeeping, location
 
 #: (title, publisher, DOI or None) of Level-1 data by mission and level.
@@ -42,6 +43,11 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
     files = {
         f"report/{one.ref.stage}/{n}": (one.ref.folder / n).read_bytes() for one in entries for n in one.record["files"]
     }
+    for one in reports:
+        text = discovery.model_text({"findings": []}, event, history.model_of(one.record)).encode()
+        files |= (
+            {f"report/{one.ref.stage}/model.toml": text} if text and "model.toml" not in one.record["files"] else {}
+        )
     files |= {f"products/{one.ref.stage}.nc": one.ref.path.read_bytes() for one in entries}
     told = set()
     made_of = {one.ref.stage: _told_once(history.tree(one), told) for one in reports}

@@ -145,17 +145,20 @@ def relatives(found) -> list[tuple[housekeeping.Entry, list[str]]]:
 def differing(found) -> dict[str, list[str]]:
     """What tells each of some products from the delivered one of its stage and event, by key; [] of that itself.
 
-    Of the last `TRACED` that differ in their inputs alone: why these differ.
+    Of the last `TRACED` that differ in their inputs: why these differ. Where the stage was never delivered, the model.
     """
     newest = {(one.ref.event, one.ref.stage): one for one in found if one.newest}
+    modelled = {one.ref.event for one in found if history.model_of(one.record)}
     told, traced = {one.ref.key: [] for one in found}, 0
     for one in reversed(found):
-        delivered = newest.get((one.ref.event, one.ref.stage), one)
-        if delivered is not one:
-            told[one.ref.key] = history.compared(delivered.record, one.record, ("made again",))
-            if traced < TRACED and all(why.startswith("input ") for why in told[one.ref.key]):
-                told[one.ref.key] = history.apart(delivered.ref.key, one.ref.key) or told[one.ref.key]
-                traced += 1
+        delivered, key = newest.get((one.ref.event, one.ref.stage)), one.ref.key
+        if delivered is one:
+            continue
+        told[key] = history.compared(delivered.record, one.record, ("made again",)) if delivered else []
+        unknown = any(why.startswith("input ") for why in told[key]) if delivered else one.ref.event in modelled
+        if traced < TRACED and unknown:
+            told[key] = history.apart(delivered and delivered.ref.key, key) or told[key]
+            traced += 1
     return told
 
 

@@ -6,10 +6,11 @@ the difference, and var(b - a) = |var(b) - var(a)| (Hausman 1978); errors by noi
 add is common. Where the two variances agree to 1 % nothing can be said of the difference in its own sigma: null.
 """
 
+import itertools
 import math
 
 from gravcal.report import pages
-from gravcal.store import results
+from gravcal.store import history, results
 from gravcal.store.schemas import VERSION
 
 ASSUMPTION = (
@@ -99,9 +100,9 @@ def tables(document):
         parts = {"": status, "verdict ": event["verdict"], "check ": event["checks"]}
         for kind, changed in parts.items():
             other += [[event["event"] + mark, kind + n, str(a), str(b)] for n, (a, b) in changed.items()]
-    settings = {
-        (n, str(a)[:60], str(b)[:60]) for event in document["events"] for n, (a, b) in event["settings"].items()
-    }
+    sides = [{n: pair[side] for n, pair in one["settings"].items()} for one in document["events"] for side in (0, 1)]
+    changes = itertools.chain(*map(history.differences, sides[::2], sides[1::2]))
+    settings = {(name, of + a, of + b) for name, of, a, b in changes}
     return [
         (["setting", first, second], [list(row) for row in sorted(settings)]),
         (heads, rows),

@@ -314,7 +314,7 @@ def model_text(numbers: dict, event: str, given: str = "", result: dict | None =
     """Extended model as TOML, as `--model` reads it; empty if no cause has a parameter that is determined.
 
     It also holds the entries of the model that the search began with (given, JSON text), and what the search adds to
-    the result of the calibration.
+    the result of the calibration. Without findings it is the model of a run, with the result that it came with.
     """
     effects = []
     for one in [*json.loads(given or "[]"), *numbers["findings"]]:
@@ -326,9 +326,13 @@ def model_text(numbers: dict, event: str, given: str = "", result: dict | None =
                 parameters[name] = {n: parameter.get(n) for n in ("value", "sigma", "unit")} | {"correlation": related}
             effect = {"cause": one["cause"], "form": one["form"], "tied_with": one.get("tied_with", [])}
             leads = {name: one.get(name) or None for name in ("waves", "leads")}
-            effects.append(effect | {"parameters": parameters} | leads)
+            days = {name: one.get(name) for name in ("from", "to")}
+            effects.append(effect | days | {"parameters": parameters} | leads)
+    if not numbers["findings"] and effects and (own := json.loads(given)[0].get("result")):
+        result = own | {"unit": "m"}
     model = {"event": event, "effect": effects, "result": result}
-    note = f"Found by gravcal discover in {event}; give it to gravcal run with --model."
+    said = "Found by gravcal discover in" if numbers["findings"] else "Taken out of the records of"
+    note = f"{said} {event}; give it to gravcal run with --model."
     return toml.text(model, note) if effects else ""
 
 

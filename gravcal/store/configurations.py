@@ -21,6 +21,9 @@ from gravcal.store.location import OPERATIONAL
 
 CATALOGUE = "catalogue"  # what is operational before anything is promoted
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._,+-]{0,79}")
+#: A value of a model and its sigma, from short to all digits, until two models are apart.
+SHOWN = ("{0:#.3g}", "{0:#.6g}", "{0!r}", "{0!r} +- {1:.3g}")
+MOST = 6  # parameters of a model that are said
 OF_ONE_DAY = {"truth"}  # names a file of one day: no choice of processing
 
 
@@ -145,8 +148,39 @@ def forget(calibration, name):
 
 
 def said(settings):
-    """Settings as short texts: "noise_order=25"; a model by its causes."""
-    return [f"{n}={_causes(v) if n == 'model' and v else v}" for n, v in settings.items()] or ["the catalogue"]
+    """Settings as short texts: "noise_order=25"; a model by its parameters."""
+    return [f"{n}={_model(v) if n == 'model' and v else v}" for n, v in settings.items()] or ["the catalogue"]
+
+
+def models_apart(old, new):
+    """What tells two models apart, JSON texts or "": of what, such as "torque.dipole_gain rod_y ", old and new text."""
+    if not (old and new):
+        return [("", _model(old), _model(new))]
+    each, found = [(_values(old, shown), _values(new, shown)) for shown in SHOWN], []
+    for name in dict.fromkeys([*each[0][0], *each[0][1]]):
+        pairs = [(a.get(name, "none"), b.get(name, "none")) for a, b in each]
+        found += [(f"{name} ", *pair) for pair in pairs if pair[0] != pair[1]][:1]
+    return found or [("", "the same values", "other correlations, shapes or result")]
+
+
+def _model(model):
+    """A model as words: "torque.dipole_gain rod_y 0.0298", "none"."""
+    words = [f"{name} {value}" for name, value in _values(model).items()]
+    return ", ".join(words[:MOST] + [f"{len(words) - MOST} more"] * (len(words) > MOST)) or "none"
+
+
+def _values(model, shown=SHOWN[0]):
+    """Values of a model with their units, as texts by cause, parameter and the days they hold for."""
+    found = {}
+    for one in json.loads(model or "[]"):
+        days = "".join(f" {word} {one[word]}" for word in ("from", "to") if word in one)
+        values = {
+            f" {name}": f"{shown.format(p['value'], p.get('sigma', 0.0))} {p.get('unit', '1')}".removesuffix(" 1")
+            for name, p in one["parameters"].items()
+        }
+        for name, value in (values or {"": "by its shape"}).items():
+            found.setdefault(one["cause"] + name + days, []).append(value)
+    return {name: " + ".join(values) for name, values in found.items()}
 
 
 def _with(catalogue, settings, name):

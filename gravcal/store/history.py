@@ -17,12 +17,13 @@ import time
 from pathlib import Path
 
 from gravcal.errors import GravcalError, NoDataError, refuse
-from gravcal.store import keys, location, store
+from gravcal.store import configurations, keys, location, store
 
 ABSENT = "(absent)"
 REMAKE = "GRAVCAL_REMAKE_VERSIONS"  # "1": products that other versions of these made are made again
 NUMERICAL = ("numpy", "scipy", "numba")
 SEEN = 25  # events whose times say what a stage takes
+MOVED = "moved_"  # variant of records without a model that was moved by its error
 AUXILIARY = ("GFC", "TRUTH")  # files that are read beside the Level-1 files of an event
 
 
@@ -58,7 +59,7 @@ def remakes_versions():
 def compared(old_record, new_record, otherwise=("event or variant",)):
     """What differs between the records of two products of one stage, such as "lowpass_hz: 0.5 -> 0.7"."""
     old, new = old_record["recipe"], new_record["recipe"]
-    reasons = list(_differences(old["settings"], new["settings"], ""))
+    reasons = _reasons(old["settings"], new["settings"])
     if old["version"] != new["version"]:
         reasons.append(f"version {old['version']} -> {new['version']}")
     stated = [recipe.get("origin", ABSENT) or "as files say" for recipe in (old, new)]
@@ -98,14 +99,40 @@ def _takes(settings, name):
 def apart(old_key, new_key):
     """Why two products of one stage differ, in all that they were made of: settings, versions, code, data and files.
 
-    The settings of a report repeat those of the stages before it: they are named once.
+    The settings of a report repeat those of the stages before it: they are named once. So is the model, that of the
+    nearest product which has one; what it adds to a result and its moved copies follow from it. An old key of None is
+    a run without a model, of which nothing else is known.
     """
-    sides = [{_name(one["recipe"]): one for one in store.ancestry(key).values() if one} for key in (old_key, new_key)]
-    shared = [name for name in sides[1] if name in sides[0]]
-    reasons = [one for name in shared for one in compared(sides[0][name], sides[1][name], otherwise=())]
+    sides = [[one for one in store.ancestry(*[key] * bool(key)).values() if one] for key in (old_key, new_key)]
+    moved = lambda one: one["recipe"]["variant"].startswith(MOVED)  # noqa: E731
+    models = [next(filter(None, map(model_of, sorted(side, key=moved))), "") for side in sides]
+    reasons = [one for pair in _pairs(*sides) for one in compared(*pair, otherwise=())]
     reasons = [one.removeprefix("settings.") for one in reasons]
-    derived = {f"input {name} {word}" for side in sides for name in side for word in ("changed", "added", "removed")}
-    return [one for one in dict.fromkeys(reasons) if one not in derived and not one.startswith("configuration: ")]
+    names = {_name(one["recipe"]) for side in sides for one in side}
+    derived = {f"input {name} {word}" for name in names for word in ("changed", "added", "removed")}
+    follows = ("configuration: ", *(("model: ", "added: ") if any(models) else ()))
+    reasons = [one for one in dict.fromkeys(reasons) if one not in derived and not one.startswith(follows)]
+    return _reasons(*({"model": one} for one in models)) + reasons
+
+
+def _pairs(*sides):
+    """Nearest products of one name and stage on two sides, as two stages may write one kind; else those of one name."""
+    old, new = ({(_name(one["recipe"]), one["stage"]): one for one in side[::-1]} for side in sides)
+    before, after = ({_name(one["recipe"]): one for one in side[::-1]} for side in sides)
+    shared = [key for key in reversed(new) if key in old]
+    others = [name for name in reversed(after) if name in before and name not in dict(shared)]
+    return [(old[key], new[key]) for key in shared] + [(before[name], after[name]) for name in others]
+
+
+def model_of(record):
+    """Extended model in the settings of a product, or in those that a report repeats, as JSON text; "" without one."""
+    settings = record["recipe"]["settings"]
+    known = settings.get("settings")
+    return _model(settings.get("model")) or _model(known.get("model") if isinstance(known, dict) else "")
+
+
+def _model(value):
+    return value if isinstance(value, str) and value.startswith("[{") else ""
 
 
 def changed(old_record, new_record):
@@ -118,13 +145,26 @@ def changed(old_record, new_record):
     return [f"{what} changed: {', '.join(own)}" for what, own in parts.items() if own]
 
 
-def _differences(old, new, name):
-    """Settings that differ, named to the depth where they do."""
+def differences(old, new, name=""):
+    """Settings that differ, named to the depth where they do: (name, of what, old, new), a model by its parameters."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in sorted(set(old) | set(new)):
-            yield from _differences(old.get(key, ABSENT), new.get(key, ABSENT), f"{name}.{key}" if name else key)
+            yield from differences(old.get(key, ABSENT), new.get(key, ABSENT), f"{name}.{key}" if name else key)
     elif old != new or type(old) is not type(new):
-        yield f"{name}: " + " -> ".join(text if len(text) <= 60 else text[:57] + "..." for text in (str(old), str(new)))
+        models = [_model(one) if name.rpartition(".")[2] == "model" else "" for one in (old, new)]
+        told = configurations.models_apart(*models) if any(models) else [("", *_shown(str(old), str(new)))]
+        yield from ((name, *one) for one in told)
+
+
+def _reasons(old, new):
+    return [f"{name}: {of}{a} -> {b}" for name, of, a, b in differences(old, new)]
+
+
+def _shown(*texts):
+    """Two texts, where they are long from shortly before they differ."""
+    start = max(len(os.path.commonprefix(texts)) - 20, 0) if max(map(len, texts)) > 60 else 0
+    tails = ["..." * bool(start) + text[start:] for text in texts]
+    return [text if len(text) <= 60 else text[:57] + "..." for text in tails]
 
 
 def _name(recipe):

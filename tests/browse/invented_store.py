@@ -32,16 +32,34 @@ def dataset(count, scale=1.0, start=6.4e8):
 #: Modules of the invented code, with the digests of their text.
 MODULES = {"gravcal.estimation.noise": "old", "catalog/igrf.shc": "old", "gravcal.physics.frames": "same"}
 
+#: Label of a raw file, but for its digest.
+FILE = {
+    "file": "MAG1B_2020-03-01_C_04.txt",
+    "product": "MAG1B",
+    "satellite": "C",
+    "date": "2020-03-01",
+    "release": "04",
+}
 
-def put(name, data, settings=(), inputs=(), files=None, modules=MODULES):
-    """Publish an invented product; its reference."""
-    event, _, stage = name.partition("/")
-    kind, _, variant = stage.partition(":")
+
+def model(value, **more):
+    """Settings with a model as a stage takes it: one rod of a gain of the dipole."""
+    rod = {"sigma": 0.002, "unit": "1", "value": value}
+    effect = {"cause": "torque.dipole_gain", "form": "rod_y alone", "parameters": {"rod_y": rod}}
+    return {"model": json.dumps([effect | more], sort_keys=True)}
+
+
+def put(name, data, settings=(), inputs=(), files=None, modules=MODULES, stage="", source=""):
+    """Publish an invented product; its reference. The source is the digest of a raw file that it was made of."""
+    event, _, named = name.partition("/")
+    kind, _, variant = named.partition(":")
     labels = [{"kind": one.kind, "variant": one.variant, "digest": one.digest} for one in inputs]
+    labels += [FILE | {"digest": source}] if source else []
     recipe = {"event": event, "kind": kind, "variant": variant, "version": 1, "settings": dict(settings)}
     recipe |= {"inputs": labels, "code": repr(sorted(modules.items()))}
-    facts = {"stage": f"tasks.{kind}", "seconds": 0.5, "modules": modules, "versions": {"gravcal": "0"}}
+    facts = {"stage": stage or f"tasks.{kind}", "seconds": 0.5, "modules": modules, "versions": {"gravcal": "0"}}
     facts["from"] = [{"key": one.key} for one in inputs]
+    facts["from"] += [{"path": f"/data/{FILE['file']}", "member": None}] if source else []
     ref = store.put(keys.key(recipe), recipe, (data, files or {}), facts)
     store.point(ref)
     return ref
@@ -56,15 +74,17 @@ def result(event, offset_um, origin="measured"):
             "manoeuvres": [{"kind": "pitch", "start": 6.36e8, "stop": 6.36e8 + 180}]}  # fmt: skip
 
 
-def calibration(event, scale, origin="measured", modules=MODULES, **settings):
-    """Publish the chain of one event: align, two solutions, report; references by stage."""
+def calibration(event, scale, origin="measured", modules=MODULES, extended=(), **settings):
+    """Publish the chain of one event: align, two solutions, report; references by stage. Extended: by `model`."""
     align = put(f"{event}/com_offset.align", dataset(20000, scale).assign_attrs(origin=origin))
     solved = dataset(3000, scale * settings.get("gain", 1.0))
-    ones = {v: put(f"{event}/com_offset.solve:{v}", solved, settings, [align], modules=modules) for v in ("mtq", "acc")}
+    taken = put(f"{event}/com_offset.align:extended", dataset(99, scale), extended, [align]) if extended else align
+    ones = {v: put(f"{event}/com_offset.solve:{v}", solved, settings, [taken], modules=modules) for v in ("mtq", "acc")}
     page = "<!DOCTYPE html><title>r</title><p class='verdict'>the report</p><script>document.title = 'ran'</script>"
-    files = {"report.html": page, "result.json": json.dumps(result(event, [10 * scale, 0.0, -5.0], origin))}
-    report = put(f"{event}/com_offset.report", dataset(10), settings, list(ones.values()), files)
-    return {"align": align, "report": report} | ones
+    told = {"settings": settings | dict(extended)}
+    files = {"report.html": page, "result.json": json.dumps(result(event, [10 * scale, 0.0, -5.0], origin) | told)}
+    report = put(f"{event}/com_offset.report", dataset(10), told, list(ones.values()), files)
+    return {"align": align, "extended": taken, "report": report} | ones
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ import axe_core_python
 import numpy as np
 import pytest
 from chromium import DRAWN, click, complaints, wait
-from invented_store import EVENT, calibration, dataset, put, result
+from commands import gravcal
+from invented_store import EVENT, FILE, calibration, dataset, model, put, result
 
 from gravcal.browse import store_index
 from gravcal.store import configurations, history, housekeeping, location
@@ -87,24 +88,74 @@ def test_results_of_an_event_say_how_they_differ_and_why(day, ask):
     assert history.apart(day["first"]["report"].key, day["again"]["report"].key) == ["gain: 1.0 -> 1.5"]
 
 
-def test_two_configurations_stand_beside_each_other_event_by_event(day, ask):
-    """Contract: values, difference, sigma and reason; the address chooses; one unknown shares no event."""
+def test_two_configurations_stand_beside_each_other_event_by_event(day, ask, capsys):
+    """Contract: values, difference, sigma and reason, also in the terminal; the address chooses; unknown: no event."""
     text = ask("/compare/com_offset?a=operational&b=gain-9").text
     values = text.split("Values, event by event")[1]
     assert EVENT in values
     assert "+5" in values
     assert "gain: 1.5 -&gt; 9.0" in values
     assert "Only in operational: grace-c-2021-03-01" in text
+    assert gravcal("compare", "com_offset", "operational", "gain-9") == 0
+    assert f"{EVENT} reason gain: 1.5 -> 9.0" in " ".join(capsys.readouterr().out.split())
     assert ask("/compare/com_offset?a=operational&b=nothing").status_code == 200
     assert ask("/compare/nothing").status_code == 404
+
+
+def tried(name, scale, settings=(), **more):
+    """Publish the chain of an experiment, and what it is; references by stage."""
+    location.write_json(configurations._path("com_offset", name), {"name": name, "settings": dict(settings)})
+    with location.configured(name):
+        return calibration(EVENT, scale, gain=1.5, **more)
+
+
+def test_two_models_of_one_cause_are_told_apart(shop, ask, capsys):
+    """Contract: by value in both comparisons, the list of products and beside the event; against no model, too.
+
+    A result that was widened by the errors of a model is beside that of the same stage; moved copies are no reason.
+    """
+    values = {"model-a": 0.0298, "model-b": 0.02}
+    made = {n: tried(n, 1 + v, model(v), extended=model(v)) for n, v in values.items()}
+    rod = "torque.dipole_gain rod_y"
+    for first, second, settings, reason in (
+        ("model-a", "model-b", (f"{rod} 0.0298", f"{rod} 0.0200"), f"{rod} 0.0298 -> 0.0200"),
+        ("operational", "model-b", ("none", f"{rod} 0.0200"), f"none -> {rod} 0.0200"),
+    ):
+        page = ask(f"/compare/com_offset?a={first}&b={second}").text
+        table, other = page.split("<h2>Settings that differ")[1].split("<h2>Values, event by event")
+        assert re.findall("<td[^>]*>(.*?)</td>", table) == ["model", *settings]
+        assert f">model: {reason}<".replace("->", "-&gt;") in other
+        assert gravcal("compare", "com_offset", first, second) == 0
+        said = " ".join(capsys.readouterr().out.split())
+        assert f"model {' '.join(settings)} " in said
+        assert f"reason model: {reason}" in said
+    assert gravcal("settings", "com_offset") == 0
+    assert f"model={rod} 0.0298" in " ".join(capsys.readouterr().out.split())
+    plain = put(f"{EVENT}/com_offset.combine", dataset(5), {"method": "gravcal"}, [shop["again"]["mtq"]])
+    with location.configured("model-a"):
+        moved = put(f"{EVENT}/com_offset.align:moved_1", dataset(98), model(0.0318), [shop["again"]["align"]])
+        copies = [
+            put(f"{EVENT}/com_offset.combine", dataset(5, 1 + k), {"method": "gravcal"}, [one])
+            for k, one in enumerate((made["model-a"]["mtq"], moved))
+        ]
+        added = {"added": json.dumps({"correction": [1.42e-20] * 9})}
+        wide = put(f"{EVENT}/com_offset.combine", dataset(5, 9.0), added, copies, stage="tasks.com_offset:model_error")
+    told = store_index.differing(store_index.entries())
+    assert told[plain.key] == []
+    for name, own in made.items():
+        for stage in ("extended", "mtq", "acc", "report"):
+            assert told[own[stage].key] == [f"model: none -> {rod} {values[name]:.4f}"], (name, stage)
+    assert told[wide.key] == told[made["model-a"]["mtq"].key]
+    assert told[moved.key] == [f"model: none -> {rod} 0.0318"]
+    assert history.apart(made["model-b"]["mtq"].key, made["model-a"]["mtq"].key) == [f"model: {rod} 0.0200 -> 0.0298"]
+    assert f"model: none -&gt; {rod} 0.0200<" in ask("/products").text
+    assert f"model: {rod} 0.0298 -&gt; 0.0200" in ask(f"/product/{made['model-b']['mtq'].key}").text
 
 
 def test_two_results_that_other_code_made_name_it(shop, ask):
     """Contract: equal settings: the module and the data file that changed are the reason, also beside the event."""
     modules = {"gravcal.estimation.noise": "new", "catalog/igrf.shc": "new", "gravcal.physics.frames": "same"}
-    with location.configured("rewritten"):
-        calibration(EVENT, 1.25, gain=1.5, modules=modules)
-    location.write_json(configurations._path("com_offset", "rewritten"), {"name": "rewritten", "settings": {}})
+    tried("rewritten", 1.25, modules=modules)
     text = ask("/compare/com_offset?a=operational&b=rewritten").text.split("What else changed, and why")[1]
     assert "code changed: gravcal.estimation.noise<" in text
     assert "data changed: catalog/igrf.shc<" in text
@@ -114,7 +165,7 @@ def test_two_results_that_other_code_made_name_it(shop, ask):
 
 
 def test_products_are_told_apart_by_what_differs(day, ask):
-    """Contract: settings, not keys; the delivered one needs no mark."""
+    """Contract: settings and files, not keys; the delivered one needs no mark."""
     told = store_index.differing(store_index.entries())
     assert told[day["first"]["mtq"].key] == ["gain: 1.5 -> 1.0"]
     assert told[day["again"]["mtq"].key] == []
@@ -122,6 +173,11 @@ def test_products_are_told_apart_by_what_differs(day, ask):
     put(f"{EVENT}/com_offset.combine", dataset(6), inputs=[day["again"]["mtq"]])
     assert store_index.differing(store_index.entries())[derived.key] == ["gain: 1.5 -> 1.0"]
     assert "gain: 1.5 -&gt; 9.0" in ask("/products").text
+    read = [put(f"{EVENT}/ingest:MAG1B_C", dataset(7, k), source=f"{k}" * 64) for k in (1, 2)]
+    old, new = (put(f"{EVENT}/com_offset.detect", dataset(4, k), inputs=[one]) for k, one in enumerate(read, 1))
+    rows = dict(re.findall(r'/product/(\w+)">.*?<td class="long">(.*?)</td>', ask("/products?all=1").text))
+    assert [rows[one.key] for one in (read[0], old)] == [f"input file {FILE['file']} changed"] * 2
+    assert rows[new.key] == ""
     assert "gain: 1.5 -&gt; 1.0 (operational" in ask(f"/product/{day['first']['mtq'].key}").text
 
 

@@ -11,12 +11,13 @@ import pytest
 import xarray as xr
 import yaml
 from commands import gravcal
-from invented_store import EVENT
+from invented_store import EVENT, calibration, dataset, model, put
 
 from flows import export
+from flows.calibration import model_text
 from gravcal import open as open_event
 from gravcal.errors import ProductError
-from gravcal.store import history, product
+from gravcal.store import history, location, product
 
 ROOT = Path(__file__).parent.parent.parent
 
@@ -42,6 +43,27 @@ def test_an_event_leaves_in_one_zip(shop, tmp_path, capsys):
     assert sorted(files) == json.loads(capsys.readouterr().out)["files"]
     with xr.open_dataset(tmp_path / "folder" / "products" / "com_offset.align.nc") as opened:
         assert opened.attrs["Conventions"].startswith("CF-")
+
+
+@pytest.mark.usefixtures("shop")
+def test_the_model_of_a_run_leaves_with_it(tmp_path):
+    """Contract: a file that gives the same settings, bit for bit, to --model; none without one, a search keeps its own.
+
+    Days, and what the search added to the result, are in it.
+    """
+    result = {"calibration": "com_offset", "records": "0" * 64, "correction": [1.1e-7], "covariance": [[3.3e-14]]}
+    given = model(0.0298, **{"from": "2020-01-01", "to": "2021-01-01"}, result=result)
+    with location.configured("model-a"):
+        calibration(EVENT, 1.1, gain=1.5, extended=given)
+        put(f"{EVENT}/com_offset.discovery_report", dataset(10), {"settings": given}, files={"model.toml": "its own"})
+    files = {name: export.export(EVENT, tmp_path / str(name), name) for name in ("model-a", None)}
+    models = {name: [one for one in own if one.endswith(".toml")] for name, own in files.items()}
+    parts = ("discovery_report", "report")
+    assert models == {"model-a": [f"report/com_offset.{one}/model.toml" for one in parts], None: []}
+    found, written = (tmp_path / "model-a" / one for one in models["model-a"])
+    assert found.read_text() == "its own"
+    assert model_text(written) == given["model"]
+    assert written.read_text().startswith(f"# Taken out of the records of {EVENT};")
 
 
 @pytest.mark.usefixtures("shop")

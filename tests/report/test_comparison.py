@@ -1,5 +1,7 @@
 """Two configurations beside each other."""
 
+import json
+
 import numpy as np
 import pytest
 
@@ -60,6 +62,41 @@ def test_changed_settings_verdicts_statuses_and_checks_are_named():
     page = comparison.page(found)
     for text in ("noise_order", "+1.25", "undetermined", "check manoeuvres agree", "Only in b: e", "(simulated)"):
         assert text in page
+
+
+def model(*values, sigma=1e-12, more=()):
+    """Model of as many entries of one cause as there are values."""
+    rows = [{"z_from_x": {"value": v, "sigma": sigma, "unit": "m s-2 A-1 m-2"}} for v in values]
+    known = {"cause": "accelerometer.current_leak", "form": ""} | dict(more)
+    return json.dumps([known | {"parameters": one} for one in rows])
+
+
+@pytest.mark.parametrize(
+    ("first", "second", "said"),
+    [
+        ("", model(3e-11), [("none", "accelerometer.current_leak z_from_x 3.00e-11 m s-2 A-1 m-2")]),
+        (model(3e-11), model(3.0001e-11), [("3.00000e-11", "3.00010e-11")]),
+        (model(3e-11), model(3.000000003e-11), [("3e-11", "3.000000003e-11")]),
+        (model(3e-11), model(3e-11, sigma=2e-12), [("3e-11 +- 1e-12 m s-2", "+- 2e-12 m s-2")]),
+        (
+            model(3e-11),
+            model(3e-11, more={"waves": [1]}),
+            [("the same values", "other correlations, shapes or result")],
+        ),
+        (model(3e-11), model(1e-11, 2e-11), [("3.00e-11", "1.00e-11 m s-2 A-1 m-2 + 2.00e-11")]),
+        (model(3e-11, more={"to": "2020-03-01"}), model(3e-11), [("3.00e-11", "none"), ("none", "3.00e-11")]),
+        ("linear", "quadratic", [("linear", "quadratic")]),
+        ("x" * 70 + "1", "x" * 70 + "2", [("xxx1", "xxx2")]),
+    ],
+)
+def test_models_and_long_settings_show_where_they_differ(first, second, said):
+    """Contract: as many digits as it takes, errors, days, several of one cause; never the same text on both sides."""
+    pairs = [("e", document(settings={"model": first}), document(settings={"model": second}), ())]
+    rows = comparison.tables(comparison.comparison(load("com_offset"), ("a", "b"), pairs, {}))[0][1]
+    assert len(rows) == len(said)
+    assert all(name == "model" and a != b for name, a, b in rows)
+    for before, after in said:
+        assert any(before in a and after in b for _, a, b in rows), rows
 
 
 def values(calibration, **document):
