@@ -119,6 +119,8 @@ def check(
     direction_limit_rad: float,
     agreement_limit: float,
     plausible_limit: float,
+    camera_limit_s: float,
+    delay_limit_s: float,
 ) -> xr.Dataset:
     """Checks of the inputs against each other and of the result.
 
@@ -133,6 +135,7 @@ def check(
     agreement_limit : smallest probability of the disagreement of the parts
     plausible_limit : largest error of scale or axes over its plausible size, beyond twice its standard deviation; a
         star camera late by minutes reads as a magnetometer that is turned by tenths of a radian
+    camera_limit_s, delay_limit_s : s, attitudes late against the orbit, readings against both
     """
     field = model.field(aligned)
     strength = [np.linalg.norm(one, axis=1) for one in (field.measured_b, field.model_b)]
@@ -152,5 +155,8 @@ def check(
     beyond = np.abs(known["value"].values) - 2 * known["sigma"].values
     ratio = beyond / [size[name] for name in known["parameter"].values]
     largest = np.max(ratio, where=np.isfinite(ratio), initial=0.0)
+    delay = dict(zip(map(str, found["parameter"].values), found["value"].values, strict=True)).get("delay", 0.0)
+    tags = {"attitude": (aligned["camera_late"], camera_limit_s), "magnetometer": (np.nan_to_num(delay), delay_limit_s)}
+    made += [at_most(f"tags of the {one}", abs(float(late)), limit, "s") for one, (late, limit) in tags.items()]
     made.append(at_most("scale or axes over their plausible size", largest, plausible_limit, "1"))
     return checks.product([*made, *named_parameters.checks(found, agreement_limit)])

@@ -21,6 +21,9 @@ LEAST = 20  # records
 DENSE_S = 10.0  # s, longest spacing of an orbit of which velocity and change of position can be compared to 1 mm s-1
 #: Effects that a comparison of two fields can show.
 EFFECTS = (*OF_MAGNETOMETER[:-1], "attitude.star_camera_misalignment", OF_MAGNETOMETER[-1])
+CAMERA_S = 60.0  # attitude and orbit are that far apart: 0.07 rad; GRACE's x is turned by 0.017 rad from the flight
+APART_S, LONG_S = 600, 3600.0  # longest lag that is looked for; shortest record in which a field has no other like it
+LATE_S, CLEARLY = 10, 4.0  # seconds that are no lag, and times the squares that a lag has to explain
 
 
 @dataclass(frozen=True)
@@ -81,11 +84,62 @@ def align(
         "slope_b": slope,
         "dipole_b": values[:, 3:] * np.asarray(dipole_per_current),
         "axis_b": axis,
+        "rate_b": _rate(sca_time, quaternion, time),
+        "camera_late": _camera_late(time, sca_time, quaternion, orbit_time, *inertial),
         "step": np.median(np.diff(time)),
         "attitude_jump": checks.attitude_jump(sca_time, quaternion),
         "velocity_error": checks.velocity_error(orbit_time, *inertial) if dense else 0.0,
     }
     return build(SCHEMAS["align"], found)
+
+
+def _rate(sca_time, quaternion, time):
+    """Rate (n, 3) rad s-1 in the body by the turn from one attitude to the next."""
+    turn = frames.rotation_vector(frames.quaternion_product(frames.conjugate(quaternion[:-1]), quaternion[1:]))
+    rate = turn / np.diff(sca_time)[:, None]
+    return rate[np.clip(np.searchsorted(sca_time, time, side="right") - 1, 0, len(rate) - 1)]
+
+
+def _camera_late(time, sca_time, quaternion, orbit_time, position_i, velocity_i):
+    """Seconds by which attitudes are tagged late against the orbit, 0 where x of the body is not along the flight."""
+    position, velocity = (
+        np.stack([np.interp(time, orbit_time, c) for c in v.T], axis=1) for v in (position_i, velocity_i)
+    )
+    up = position / np.linalg.norm(position, axis=1, keepdims=True)
+    flight = velocity - up * np.sum(up * velocity, axis=1, keepdims=True)
+    rate = np.linalg.norm(flight, axis=1) / np.linalg.norm(position, axis=1)
+    x = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))[:, 0]
+    along, above = np.sum(x * flight, axis=1) / np.linalg.norm(flight, axis=1), np.sum(x * up, axis=1)
+    sign = np.sign(np.median(along))
+    return float(np.median(np.arctan2(sign * above, sign * along) / rate)) if abs(np.median(along)) > 0.5 else 0.0
+
+
+def late(aligned: xr.Dataset) -> dict[str, tuple[float, np.ndarray]]:
+    """Seconds by which tags are far off, and what that does to the difference (n, 3) T of the fields, by cause.
+
+    Attitudes against the orbit; then the magnetometer against both, in whole seconds, with a bias free.
+
+    Notes
+    -----
+    Late by tau, a star camera shows the body of before, B_b = exp(-[w tau]x) B_b as tagged, a
+    magnetometer B_b(t - tau).
+    """
+    one, found = field(aligned), {}
+    model, camera = one.model_b, float(aligned["camera_late"])
+    if abs(camera) > CAMERA_S:
+        turn = frames.R_bi_from_quaternion(frames.from_rotation_vector(camera * aligned["rate_b"].values))
+        model = np.matvec(turn, model)
+        found["timing.star_camera_delay"] = camera, model - one.model_b
+    lag = np.arange(-APART_S, APART_S + 1)
+    if np.ptp(one.time) > max(LONG_S, 4 * APART_S):
+        inner = (one.time > one.time[0] + APART_S) & (one.time < one.time[-1] - APART_S)
+        inner &= np.arange(one.time.size) % max(inner.sum() // 2000, 1) == 0
+        before = lambda d: np.stack([np.interp(one.time - d, one.time, c) for c in model.T], axis=1)  # noqa: E731
+        left = [np.var(one.measured_b[inner] - before(d)[inner], axis=0).sum() for d in lag]
+        best = int(lag[np.argmin(left)])
+        if abs(best) > LATE_S and CLEARLY * min(left) < left[APART_S]:
+            found["timing.magnetometer_delay"] = float(best), before(best) - model
+    return found
 
 
 def _body_field(orbit_time, position_e, sca_time, quaternion, generation):

@@ -7,7 +7,7 @@ causes that are tried, and only what the data support is named.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -15,7 +15,10 @@ import xarray as xr
 from gravcal.calibrations.causes import listed
 from gravcal.calibrations.magnetometer import model
 from gravcal.effects import effect
-from gravcal.estimation.records import Block, Candidate, Entry, Observations, Reported
+from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, Reported
+
+#: Errors s of tags that are far off: 0.017 rad by which x of the body may be off the flight, 5 mrad of mounting.
+FAR = {"timing.star_camera_delay": 15.0, "timing.magnetometer_delay": 5.0}
 
 
 def observe(products: Mapping[str, xr.Dataset], *, blocks: int, field_noise_nt: float) -> Readings:
@@ -30,9 +33,13 @@ def observe(products: Mapping[str, xr.Dataset], *, blocks: int, field_noise_nt: 
     field = model.field(products["align"])
     columns = {slug: model.columns(field, slug) for slug in model.EFFECTS}
     drift = (field.time - (field.time[0] + field.time[-1]) / 2)[:, None, None] * np.eye(3)
-    sigma = model.noise_level(field.difference, [*columns.values(), drift], 1e-9 * field_noise_nt)
-    parts = np.array_split(np.arange(field.time.size), blocks)
-    return Readings(products["align"], field, sigma, parts, columns | {"unknown:time": drift})
+    late = model.late(products["align"])
+    free = [*columns.values(), drift, *(moved[..., None] for _, moved in late.values())]
+    sigma = model.noise_level(field.difference, free, 1e-9 * field_noise_nt)
+    parts, columns = np.array_split(np.arange(field.time.size), blocks), columns | {"unknown:time": drift}
+    if late:  # nothing else is looked for beside what is not there
+        columns = {cause: (moved / delay)[..., None] for cause, (delay, moved) in late.items()}
+    return Readings(products["align"], field, sigma, parts, columns, {cause: one[0] for cause, one in late.items()})
 
 
 @dataclass(frozen=True)
@@ -44,6 +51,7 @@ class Readings(Observations):
     sigma: np.ndarray  #: (3,) T, noise of each axis
     parts: list[np.ndarray]  #: rows of each block
     columns: dict[str, np.ndarray]  #: {cause: (n, 3, q) T}
+    late: dict[str, float]  #: s, tags that are far off
 
     name = "magnetometer"
     channels = ("magnetometer",)
@@ -78,6 +86,12 @@ class Readings(Observations):
             else:
                 made.append(listed(effect(cause), columns, prior=False))
         return made
+
+    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
+        """Tags that are far off by what orbit, attitude and field show."""
+        if entry.cause not in self.late:
+            return entry
+        return replace(entry, parameters={"delay": Parameter(self.late[entry.cause], FAR[entry.cause], "s")})
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records less what the effects of a model add to the reading."""
