@@ -292,10 +292,14 @@ def test_keys_are_shown_on_demand_and_what_has_no_result_says_why(at, day):
 def test_a_phone_keeps_the_verdict_in_sight(at):
     """Contract: on 390 px the verdicts lie within the window, nothing has to be moved sideways."""
     browser = at("/", width=390)
-    inside = """return [...document.querySelectorAll('td.long')].filter((one) => one.textContent.trim()).every((one) =>
+    inside = """const cells = [...document.querySelectorAll('td.long, td:has(.mark)')];
+      return cells.filter((one) => one.checkVisibility() && one.textContent.trim()).every((one) =>
       one.getBoundingClientRect().left >= 0 && one.getBoundingClientRect().right <= innerWidth)"""
     assert browser.execute_script(inside)
-    for path in (f"/event/{EVENT}", "/compare/com_offset", f"/event/{EVENT}/discovery"):
+    browser = at("/timeline/com_offset", width=390)
+    assert browser.find_elements("css selector", "td[data-label='verdict'] .mark")
+    assert browser.execute_script(inside)
+    for path in (f"/event/{EVENT}", "/compare/com_offset", f"/event/{EVENT}/discovery", "/timeline/com_offset"):
         browser = at(path, width=390)
         assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path
 
