@@ -2,8 +2,10 @@
 
 import csv
 import io
+import itertools
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -14,6 +16,8 @@ from chromium import DRAWN, click, complaints, wait
 from invented_store import EVENT, calibration, dataset, put, result
 
 from gravcal.browse import store_index
+from gravcal.report import discovery, pages
+from gravcal.report.figures import grid
 from gravcal.store import configurations, history, housekeeping, location
 
 PAGES = ("/", "/products?all=1", f"/event/{EVENT}", f"/event/{EVENT}/discovery", "/timeline/com_offset",
@@ -325,8 +329,25 @@ def test_dark_and_paper_have_styles_and_focus_is_seen(at):
     assert browser.execute_script(outline) == ["solid", "3px"]
 
 
+def reports(folder):
+    """Write a report and a discovery by their templates, each with a wide table, checks and a figure; their paths."""
+    check = {"name": "gaps", "value": 1.0, "limit": 2.0, "unit": "1", "passed": True}
+    limit = {"cause": "timing.star_camera_delay", "parameter": "delay", "form": "", "unit": "s", "size": 0.004}
+    limit |= {"prior": 0.1, "bias_in_sigma": 0.5, "confirmed": True, "confused_with": ["accelerometer.bias_step"]}
+    document = result(EVENT, [1.0, 2.0, 3.0]) | {"provenance": {"products": {"com_offset.align": "ab" * 32}}}
+    document |= {"configuration": "operational", "settings": {"level": 0.005}, "checks": [check], "limits": [limit]}
+    drawn = pages.Figure(lambda: grid(1, 1, 2.0)[0], ("align",), "What was drawn.", ())
+    several = pages.Table("Rows of many columns.", [f"column {n}" for n in range(30)], [range(30)], ("align",))
+    for name, table in (("report", several), ("discovery", discovery.limits_table(document))):
+        sections = [pages.Section("One", [table, replace(several, caption="More.")], [drawn], ["Said."], beside=True)]
+        (folder / f"{name}.html").write_text(
+            pages.page(document, sections, {}, heading=name, badges=[("a", True, "b")])
+        )
+    return [folder / "report.html", folder / "discovery.html"]
+
+
 @pytest.mark.parametrize("dark", [False, True])
-def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, dark):  # noqa: ARG001 - more to show
+def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, dark, tmp_path):  # noqa: ARG001 - more to show
     """Contract: no violation that axe-core finds (contrast, names, roles, headings); figures drawn, a quiet console."""
     for path in (*(PAGES[2:4] if dark else PAGES), f"/product/{shop['again']['mtq'].key}"):
         browser = at(path, dark=dark)
@@ -335,6 +356,12 @@ def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, d
         assert set(browser.execute_script(DRAWN)) <= {"drawn"}, path
         assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path
         assert complaints(browser) == []
+    for width, path in itertools.product((1300, 390), reports(tmp_path)):
+        browser = at("/", width=width, dark=dark)
+        browser.get(path.as_uri())  # as the pages show it in a frame, where no script may run
+        browser.execute_script(SCRIPT)
+        assert browser.execute_async_script(AXE) == [], (path.name, width)
+        assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path.name
 
 
 def test_the_accessibility_check_finds_what_is_wrong(at):
