@@ -119,13 +119,14 @@ def data(wish: Wish, start: float, stop: float) -> dict[str, dict[str, str]]:
 
 
 def table(wish: Wish, start=None, stop=None) -> str:
-    """CSV of the lines of a figure, every sample between two places of its axis; of a spectrum all of it."""
+    """CSV of the lines of a figure, every sample between two places of its axis; of a spectrum all, and its method."""
     traces, kind, along, unit = _traces(wish)
     rows = []
     if wish.view == "spectrum":
-        for one in traces:
-            rows += [(one.label, f, d) for f, d in zip(*series.spectrum(one.whole)[:2], strict=True)]
-        return _csv_of(("series", "frequency (Hz)", f"density of {unit}, Hz-1/2"), rows)
+        curves = [(one.label, *series.spectrum(one.whole)) for one in traces]
+        rows = [(label, f, d) for label, *curve, _ in curves for f, d in zip(*curve, strict=True)]
+        said = "".join(f"# {text}\n" for text in dict.fromkeys(text for *_, text in curves))
+        return said + _csv_of(("series", "frequency (Hz)", f"density of {unit}, Hz-1/2"), rows)
     heads = ("series", *(("GPS time (s)", "calendar (GPS)") if kind == "time" else (along,)), unit)
     for one in traces:
         ends = [None if place is None else _undrawn(place, kind) - one.shift for place in (start, stop)]

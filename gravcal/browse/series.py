@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import welch
 
+from gravcal.report.figures import HANN
 from gravcal.store import product
 
 BINS = 1500  # ranges across the screen; each is drawn as its lowest and highest value
@@ -211,7 +212,7 @@ def difference(one, other, shift=0.0):
 
 
 def spectrum(whole):
-    """Amplitude spectral density of the longest even stretch without gaps (Welch, Hann, mean and slope removed).
+    """Amplitude spectral density of the longest even stretch without gaps (Welch, Hann window, mean and slope removed).
 
     Frequency (m,), Hz where the coordinate is in seconds; density (m,), unit Hz-1/2; and what was used, in words.
     """
@@ -223,7 +224,8 @@ def spectrum(whole):
     step = (x[last - 1] - x[first]) / (count - 1)
     length = min(SEGMENT, max(16, count // 4 if count > 1024 else count))
     frequency, power = welch(y[first:last], 1 / step, "hann", length, detrend="linear")
-    said = f"Welch, Hann, {2 * (count // length) - 1} segments of {length} samples, step {step:.6g} s"
+    said = f"{HANN} of {length} samples, mean power of {2 * (count // length) - 1} that overlap by half (Welch), mean"
+    said += f" and slope removed, step {step:.6g} s"
     return frequency[1:], np.sqrt(power[1:]), said
 
 

@@ -17,7 +17,7 @@ from invented_store import EVENT, calibration, dataset, put, result
 
 from gravcal.browse import store_index
 from gravcal.report import discovery, pages
-from gravcal.report.figures import grid
+from gravcal.report.figures import HANN, grid
 from gravcal.store import configurations, history, housekeeping, location
 
 PAGES = ("/", "/products?all=1", f"/event/{EVENT}", f"/event/{EVENT}/discovery", "/timeline/com_offset",
@@ -165,8 +165,11 @@ def test_what_is_drawn_comes_as_csv(shop, ask):
     assert len(ask(f"{where}?column=0&from={start + 1000}&to={start + 3000}").text.splitlines()) == pytest.approx(
         23, abs=2
     )
-    assert "frequency (Hz)" in ask(f"{where}?view=spectrum").text.splitlines()[0]
-    assert "Welch, Hann" in ask(f"{where.replace('/csv/', '/figure/')}?view=spectrum").text
+    said, heads, *rows = ask(f"{where}?view=spectrum").text.splitlines()
+    assert said.startswith(f"# {HANN} of 5000 samples, mean power of 7 that overlap by half (Welch)")
+    assert heads == 'series,frequency (Hz),"density of acceleration_b (m s-2), Hz-1/2"'
+    assert len(rows) == 3 * 2500
+    assert said[2:] in ask(f"{where.replace('/csv/', '/figure/')}?view=spectrum").text
     assert ask(f"{where.replace('acceleration_b', 'nothing')}").status_code == 404
 
 
