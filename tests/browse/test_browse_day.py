@@ -12,6 +12,7 @@ from types import SimpleNamespace
 import axe_core_python
 import numpy as np
 import pytest
+import xarray as xr
 from chromium import DRAWN, click, complaints, wait
 from invented_store import EVENT, calibration, dataset, put, result
 
@@ -171,6 +172,30 @@ def test_what_is_drawn_comes_as_csv(shop, ask):
     assert len(rows) == 3 * 2500
     assert said[2:] in ask(f"{where.replace('/csv/', '/figure/')}?view=spectrum").text
     assert ask(f"{where.replace('acceleration_b', 'nothing')}").status_code == 404
+
+
+def test_seconds_of_gps_time_have_their_calendar_form_too(ask, site):
+    """Contract: of `detect`, whose unit is s: on the axis, under the mouse, in tables and CSV; a length has none."""
+    start, seconds = 6.4e8 + np.array([0.25, 180.0, np.nan]), {"units": "s"}
+    held = {"start": ("manoeuvre", start, seconds), "record_start": ((), start[0], seconds)}
+    held |= {"shift": ("manoeuvre", [0.1, 0.2, 0.3], seconds), "margin": ((), 600.0, seconds)}
+    key, other = (put(f"{EVENT}/com_offset.detect", xr.Dataset(held), {"gain": gain}).key for gain in (1, 2))
+    heads, *rows = ask(f"/csv/{key}/start").text.splitlines()
+    assert heads == 'series,manoeuvre (number),start (s),"start, calendar (GPS)"'
+    assert rows[0] == "start,0.0,640000000.25,2020-04-12 21:46:40.250"
+    assert rows[2] == "start,2.0,nan,"
+    assert ask(f"/csv/{key}/shift").text.splitlines()[0] == "series,manoeuvre (number),shift (s)"
+    assert "<td>2020-04-12 21:46:40.250</td>" in ask(f"/product/{key}?variable=record_start").text
+    assert "<td>2000-01-01" not in ask(f"/product/{key}?variable=margin").text
+    for view in (f"start?with={other}&view=difference", "start?view=spectrum", "shift?view=overlay"):
+        assert "DatetimeAxis" not in ask(f"/figure/{key}/{view}").text
+    browser = site(f"/product/{key}?variable=start")
+    figure = "Bokeh.documents[0].get_model_by_name('figure')"
+    assert browser.execute_script(f"return {figure}.left[0].axis_label") == "start (GPS time)"
+    assert browser.execute_script(f"return {figure}.left[0].type") == "DatetimeAxis"
+    shown = "return Array.from(Bokeh.documents[0].get_model_by_name('line-0').data.t)"
+    assert browser.execute_script(shown)[:2] == pytest.approx(start[:2].tolist())
+    assert complaints(browser) == []
 
 
 @pytest.fixture

@@ -16,9 +16,10 @@ async function answer(address) {
   throw new Error(said ? await response.text() : response.statusText);
 }
 
-// Points with their GPS seconds, which a plot shows beside calendar time (x in ms past 1970).
+// Points with their GPS seconds, which a plot shows beside calendar time (s of x and t of y, both in ms past 1970).
 function withSeconds(x, y) {
-  return { x, y, s: Float64Array.from(x, (one) => one / 1e3 - 946728000) };
+  const seconds = (one) => one / 1e3 - 946728000;
+  return { x, y, s: Float64Array.from(x, seconds), t: Float64Array.from(y, seconds) };
 }
 
 function follow(place, figure) {
