@@ -57,6 +57,18 @@ def click(browser, words):
     links[0].click()
 
 
+def drag(browser, start, *places):
+    """Pull the mouse from one place of the window, px, over others to the last."""
+    from selenium.webdriver.common.actions.action_builder import ActionBuilder
+
+    actions = ActionBuilder(browser)
+    actions.pointer_action.move_to_location(*start).pointer_down()
+    for place in places:
+        actions.pointer_action.move_to_location(*place)
+    actions.pointer_action.pointer_up()
+    actions.perform()
+
+
 def wait(browser, condition):
     """Wait until a function of the browser is true."""
     from selenium.webdriver.support.ui import WebDriverWait

@@ -5,6 +5,7 @@ import io
 import itertools
 import json
 import re
+import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,7 +14,7 @@ import axe_core_python
 import numpy as np
 import pytest
 import xarray as xr
-from chromium import DRAWN, click, complaints, wait
+from chromium import DRAWN, click, complaints, drag, wait
 from invented_store import EVENT, calibration, dataset, put, result
 
 from gravcal.browse import store_index
@@ -232,8 +233,22 @@ def test_columns_sort_and_filters_combine_and_both_stand_in_the_address(at):
     assert browser.execute_script(cells.format(1)) == found
 
 
+def boxed(browser, panel):
+    """Zoom with the mouse into the middle of a panel."""
+    box = f"""const view = Bokeh.index.find_one({panel}), inner = view.frame.bbox;
+      view.model.toolbar.tools.find((one) => one.type === 'BoxZoomTool').active = true;
+      view.el.scrollIntoView({{block: 'center'}});
+      const outer = view.el.getBoundingClientRect();
+      return [outer.x + inner.x, outer.y + inner.y, inner.width, inner.height]"""
+    x, y, width, height = browser.execute_script(box)
+    drag(browser, *((x + share * width, y + share * height) for share in (0.3, 0.5, 0.7)))
+
+
 def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
-    """Contract: a zoom changes the address, which brings the same view back; the chain's size too."""
+    """Contract: a zoom in x or y changes the address, which brings the same view back; a reset takes it out.
+
+    So does the size of the chain.
+    """
     browser = at(f"/product/{shop['again']['align'].key}")
     range_ = "Bokeh.documents[0].get_model_by_name('figure').x_range"
     start = browser.execute_script(f"return {range_}.start")
@@ -249,6 +264,24 @@ def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
     browser.get(browser.current_url)
     wait(browser, lambda one: one.execute_script(DRAWN) == ["drawn"])
     assert browser.execute_script(f"return {range_}.start") == pytest.approx(start + 1000)
+    own = f"/product/{shop['again']['align'].key}"
+    panels = {own: "", f"{own}?view=spectrum": "", "/timeline/com_offset": ".children[1]"}
+    for path, panel in panels.items():
+        browser, panel = at(path), f"Bokeh.documents[0].roots()[0]{panel}"  # noqa: PLW2901 - the rest of its name
+        ends = f"return [{panel}.x_range, {panel}.y_range].flatMap((one) => [one.start, one.end])"
+        whole = browser.execute_script(ends)
+        assert not re.search("(from|to|low|high)[.0-9]*=", browser.current_url)
+        boxed(browser, panel)
+        wait(browser, lambda one: re.search("from=.*low(.2)?=", one.current_url))
+        view = browser.execute_script(ends)
+        assert np.all(np.array([1, -1, 1, -1]) * (np.array(view) - whole) > 0)
+        browser.get(browser.current_url)
+        wait(browser, lambda one: set(one.execute_script(DRAWN)) == {"drawn"})
+        time.sleep(0.5)  # s, in which finer data come
+        assert browser.execute_script(ends) == pytest.approx(view, rel=1e-12)
+        browser.execute_script(f"Bokeh.index.find_one({panel}).reset()")
+        wait(browser, lambda one: not re.search("(from|to|low|high)[.0-9]*=", one.current_url))
+        assert browser.execute_script(ends) == pytest.approx(whole)
     browser = at(f"/event/{EVENT}")
     wide = "return document.querySelector('svg.chain').getBoundingClientRect().width"
     before = browser.execute_script(wide)

@@ -22,10 +22,36 @@ function withSeconds(x, y) {
   return { x, y, s: Float64Array.from(x, seconds), t: Float64Array.from(y, seconds) };
 }
 
-function follow(place, figure) {
-  let timer = null, latest = 0;
+// The view of a figure stands in the address: x of its first panel, which the others share, and y of each. Of the first
+// figure these are from, to, low, high; a later figure adds its number, a later panel a point and its own. Finer data
+// are asked for where the figure says from where.
+function follow(place, panels) {
+  const number = [...document.querySelectorAll("[data-figure]")].indexOf(place);
+  const keep = (range, row, names, refresh) => {
+    const own = names.map((name) => `${name}${number ? number + 1 : ""}${row ? `.${row + 1}` : ""}`);
+    const asked = new URLSearchParams(location.search), [start, end] = own.map((name) => parseFloat(asked.get(name)));
+    const whole = [range.start, range.end];
+    let timer = null;
+    range.change.connect(() => { clearTimeout(timer); timer = setTimeout(() => {
+      const moved = range.type === "Range1d" ? range.start !== whole[0] || range.end !== whole[1] : range.have_updated_interactively;
+      address({ [own[0]]: moved ? String(range.start) : "", [own[1]]: moved ? String(range.end) : "" });
+      const link = document.getElementById("csv");
+      if (link) link.search = location.search;
+      if (refresh) refresh();
+    }, WAIT_MS); });
+    if (!(end > start)) return;
+    range.have_updated_interactively = true;  // else Bokeh sets the range of a DataRange1d anew
+    range.setv({ start, end });
+  };
+  keep(panels[0].x_range, 0, ["from", "to"], place.dataset.data && !place.dataset.fixed ? refine(place, panels[0]) : null);
+  panels.forEach((panel, row) => keep(panel.y_range, row, ["low", "high"], null));
+}
+
+// Function that asks for the data of a figure between the ends of its view.
+function refine(place, figure) {
+  let latest = 0;
   const range = figure.x_range;
-  const refresh = async () => {
+  return async () => {
     const own = ++latest;
     place.dataset.state = "refining";
     try {
@@ -39,16 +65,6 @@ function follow(place, figure) {
       place.dataset.refined = String(Number(place.dataset.refined || 0) + 1);
     } catch (error) { place.dataset.state = "drawn"; console.error(error); }
   };
-  const keep = () => {
-    address({ from: String(range.start), to: String(range.end) });
-    const link = document.getElementById("csv");
-    if (link) link.search = location.search;
-  };
-  const later = () => { keep(); clearTimeout(timer); timer = setTimeout(refresh, WAIT_MS); };
-  range.properties.start.change.connect(later);
-  range.properties.end.change.connect(later);
-  const asked = new URLSearchParams(location.search), start = Number(asked.get("from")), end = Number(asked.get("to"));
-  if (asked.has("from") && end > start) range.setv({ start, end });
 }
 
 // What is chosen on a page stands in its address, so that it can be sent and kept.
@@ -77,10 +93,10 @@ async function draw(place) {
     if (matchMedia("(prefers-color-scheme: dark)").matches && !matchMedia("print").matches) darken(last);
     for (let line = 0, source; (source = last.get_model_by_name(`line-${line}`)); line++)
       source.data = withSeconds(source.data.x, source.data.y);
-    const figure = place.dataset.data ? last.get_model_by_name("figure") : null;
+    const root = last.roots()[0];
     if (item.said) place.insertAdjacentHTML("afterend", "<p class='sub plotted'></p>");
     if (item.said) place.nextElementSibling.textContent = item.said;
-    if (figure && !place.dataset.fixed) follow(place, figure);
+    follow(place, root.children || [root]);
     place.dataset.state = "drawn";
     place.dataset.ms = String(Math.round(performance.now()));
     return views;
