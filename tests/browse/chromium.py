@@ -18,6 +18,22 @@ FLAGS = (
 
 DRAWN = "return [...document.querySelectorAll('[data-figure]')].map(place => place.dataset.state)"
 
+#: Colours on the canvases of each figure, as lists of "red,green,blue".
+PIXELS = """
+return [...document.querySelectorAll('.plot')].map(place => {
+  const walk = (root) => [...root.querySelectorAll('*')].flatMap(
+    (node) => [node, ...(node.shadowRoot ? walk(node.shadowRoot) : [])]);
+  const canvases = walk(place).filter((node) => node.tagName === 'CANVAS' && node.width > 100);
+  const colours = new Set();
+  for (const canvas of canvases) {
+    const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
+    for (let i = 0; i < data.length; i += 4)
+      if (data[i + 3] === 255) colours.add(`${data[i]},${data[i+1]},${data[i+2]}`);
+  }
+  return [...colours];
+});
+"""
+
 
 def missing() -> str:
     """Say what has to be installed, "" if nothing."""

@@ -14,7 +14,7 @@ import axe_core_python
 import numpy as np
 import pytest
 import xarray as xr
-from chromium import DRAWN, click, complaints, drag, wait
+from chromium import DRAWN, PIXELS, click, complaints, drag, wait
 from invented_store import EVENT, calibration, dataset, put, result
 
 from gravcal.browse import store_index
@@ -377,13 +377,22 @@ def test_a_phone_keeps_the_verdict_in_sight(at):
 
 
 def test_dark_and_paper_have_styles_and_focus_is_seen(at):
-    """Contract: light letters on dark; no navigation on paper; an outline on what the keyboard is at."""
+    """Contract: light letters on dark; neither navigation nor dark on paper; an outline on what the keyboard is at."""
     style = "const s = getComputedStyle(document.querySelector('{}')); return [s.color, s.backgroundColor, s.display]"
     browser = at("/", dark=True)
     colour, paper, _ = browser.execute_script(style.format("body"))
     assert (colour, paper) == ("rgb(228, 228, 228)", "rgb(22, 25, 29)")
     browser = at(f"/event/{EVENT}", media="print")
     assert browser.execute_script(style.format("nav"))[2] == "none"
+    browser, night = at("/timeline/com_offset", dark=True), "22,25,29"
+    wait(browser, lambda one: night in one.execute_script(PIXELS)[0])
+    browser.execute_script(f"addEventListener('beforeprint', () => {{ window.printed = (() => {{{PIXELS}}})(); }})")
+    browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})
+    (printed,) = browser.execute_script("return window.printed")
+    assert "255,255,255" in printed
+    assert night not in printed
+    wait(browser, lambda one: night in one.execute_script(PIXELS)[0])
+    browser.get_log("browser")  # Chromium notes that the canvas is read often
     browser = at("/")
     browser.find_element("tag name", "body").send_keys("\ue004\ue004")  # Tab
     outline = "const s = getComputedStyle(document.activeElement); return [s.outlineStyle, s.outlineWidth]"

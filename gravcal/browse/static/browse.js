@@ -75,28 +75,37 @@ function address(changes) {
   history.replaceState(null, "", text ? `?${text}` : location.pathname);
 }
 
-// Figures on dark paper where the page is dark.
-function darken(views) {
+// Figures on dark paper where the page is dark, on white when it is printed.
+function shade(views, panels) {
   const paint = { background_fill_color: "#16191d", border_fill_color: "#16191d", grid_line_color: "#333940",
     axis_label_text_color: "#e4e4e4", major_label_text_color: "#b5b5b5", axis_line_color: "#8a8a8a",
     major_tick_line_color: "#8a8a8a", label_text_color: "#e4e4e4" };
+  const both = [];
   for (const model of views._all_models.values())
     for (const [name, colour] of Object.entries(paint))
-      if (name in model.properties) model[name] = colour;
+      if (name in model.properties) both.push([model, name, model[name], colour]);
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const turn = (onPaper) => {
+    for (const [model, name, day, night] of both) model[name] = dark.matches && !onPaper ? night : day;
+    if (onPaper) for (const panel of panels) Bokeh.index.find_one(panel).paint();  // the printer does not wait
+  };
+  dark.addEventListener("change", () => turn(false));
+  addEventListener("beforeprint", () => turn(true));
+  addEventListener("afterprint", () => turn(false));
+  turn(false);
 }
 
 async function draw(place) {
   try {
     const item = await answer(place.dataset.figure);
     const views = await Bokeh.embed.embed_item(item, place.id);
-    const last = Bokeh.documents[Bokeh.documents.length - 1];
-    if (matchMedia("(prefers-color-scheme: dark)").matches && !matchMedia("print").matches) darken(last);
+    const last = Bokeh.documents[Bokeh.documents.length - 1], panels = last.roots()[0].children || last.roots();
+    shade(last, panels);
     for (let line = 0, source; (source = last.get_model_by_name(`line-${line}`)); line++)
       source.data = withSeconds(source.data.x, source.data.y);
-    const root = last.roots()[0];
     if (item.said) place.insertAdjacentHTML("afterend", "<p class='sub plotted'></p>");
     if (item.said) place.nextElementSibling.textContent = item.said;
-    follow(place, root.children || [root]);
+    follow(place, panels);
     place.dataset.state = "drawn";
     place.dataset.ms = String(Math.round(performance.now()));
     return views;
