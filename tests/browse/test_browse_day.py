@@ -347,11 +347,11 @@ def test_keys_are_shown_on_demand_and_what_has_no_result_says_why(at, day, monke
     browser = at("/")
     click(browser, "grace-d-2022-01-01")
     assert "no data" in browser.find_element("css selector", ".verdict.bad").text
-    one = day["again"]["mtq"]
+    one = put(f"{EVENT}/com_offset.field", dataset(9).assign_attrs(igrf="f1" * 32), {"records": "da" * 32})
     raw = {"name": "ACC1A.txt", "record": None, "inputs": [], "digest": "ab" * 32}
     gone, tree = {"name": "0c" * 6, "record": None, "inputs": [], "gone": True}, history.tree
     monkeypatch.setattr(history, "tree", lambda entry: tree(entry) | {"inputs": [raw, gone]})
-    own = [one.key, one.digest, "gravcal_key", "sha256 abababababab", "0c0c0c0c0c0c"]
+    own = [one.key, one.digest, "f1" * 32, "da" * 32, "gravcal_key", "sha256 abababababab", "0c0c0c0c0c0c"]
     for path, keys in (("/products", [one.key[:12]]), (f"/product/{one.key}", own)):
         browser = at(path)
         text = browser.find_element("tag name", "main").text
