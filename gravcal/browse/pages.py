@@ -280,6 +280,7 @@ def _filled(template, request, status=200, **content):
 def _environment():
     """Templates of this package."""
     made = environment("gravcal.browse", "templates")
+    made.tests["digest"] = lambda value: re.fullmatch("[0-9a-f]{32,}", str(value))
     made.filters |= {
         "stamp": lambda text: text[:16].replace("T", " "),  # UTC
         "short": lambda text: text[:12],

@@ -61,13 +61,14 @@ class Wish:
 
 @dataclass(frozen=True)
 class Trace:
-    """One line: label, its data, shift of its coordinate, number of product and column."""
+    """One line: label, its data, shift of its coordinate, number of product and column, kind of its values."""
 
     label: str
     whole: series.Series
     shift: float
     product: int
     column: int
+    kind: str = "value"  #: "time" of GPS seconds
 
 
 def chosen(variable, columns=()):
@@ -89,10 +90,12 @@ def figure(wish: Wish) -> dict:
         curves = [series.spectrum(one.whole) for one in traces]
         said = "; ".join(dict.fromkeys(one[2] for one in curves))
     else:
-        drawn = _empty(kind, along)
-        drawn.yaxis.axis_label = f"difference of {unit}" if wish.view == "difference" and wish.other else unit
+        values = traces[0].kind if traces else "value"
+        drawn = _empty(kind, along, values)
+        label = f"difference of {unit}" if wish.view == "difference" and wish.other else unit
+        drawn.yaxis.axis_label = f"{wish.variable} (GPS time)" if values == "time" else label
         views = [series.view(one.whole) for one in traces]
-        curves = [(_drawn(x + one.shift, kind), y) for one, (x, y) in zip(traces, views, strict=True)]
+        curves = [(_drawn(x + one.shift, kind), _drawn(y, one.kind)) for one, (x, y) in zip(traces, views, strict=True)]
         ends = [_drawn(one.whole.x[[0, -1]] + one.shift, kind) for one in traces] or [(0.0, 1.0)]
         low, high = np.min(ends), np.max(ends)
         drawn.x_range.update(start=low, end=high, reset_start=low, reset_end=high)
@@ -113,25 +116,29 @@ def data(wish: Wish, start: float, stop: float) -> dict[str, dict[str, str]]:
     bounds = [(_undrawn(start, kind) - one.shift, _undrawn(stop, kind) - one.shift) for one in traces]
     views = [series.view(one.whole, *bound) for one, bound in zip(traces, bounds, strict=True)]
     return {
-        f"line-{number}": {"x": _packed(_drawn(x + one.shift, kind)), "y": _packed(y)}
+        f"line-{number}": {"x": _packed(_drawn(x + one.shift, kind)), "y": _packed(_drawn(y, one.kind))}
         for number, (one, (x, y)) in enumerate(zip(traces, views, strict=True))
     }
 
 
 def table(wish: Wish, start=None, stop=None) -> str:
-    """CSV of the lines of a figure, every sample between two places of its axis; of a spectrum all of it."""
+    """CSV of the lines of a figure, every sample between two places of its axis; of a spectrum all, and its method."""
     traces, kind, along, unit = _traces(wish)
     rows = []
     if wish.view == "spectrum":
-        for one in traces:
-            rows += [(one.label, f, d) for f, d in zip(*series.spectrum(one.whole)[:2], strict=True)]
-        return _csv_of(("series", "frequency (Hz)", f"density of {unit}, Hz-1/2"), rows)
+        curves = [(one.label, *series.spectrum(one.whole)) for one in traces]
+        rows = [(label, f, d) for label, *curve, _ in curves for f, d in zip(*curve, strict=True)]
+        said = "".join(f"# {text}\n" for text in dict.fromkeys(text for *_, text in curves))
+        return said + _csv_of(("series", "frequency (Hz)", f"density of {unit}, Hz-1/2"), rows)
+    timed = bool(traces) and traces[0].kind == "time"
     heads = ("series", *(("GPS time (s)", "calendar (GPS)") if kind == "time" else (along,)), unit)
+    heads += (f"{wish.variable}, calendar (GPS)",) * timed
     for one in traces:
         ends = [None if place is None else _undrawn(place, kind) - one.shift for place in (start, stop)]
         x, y = series.samples(one.whole, *ends, most=MANY // 4)
         stamps = [(t, gps_text(t, 3)) if kind == "time" else (t,) for t in (x + one.shift).tolist()]
-        rows += [(one.label, *stamp, value) for stamp, value in zip(stamps, y.tolist(), strict=True)]
+        values = [(t, gps_text(t, 3) if np.isfinite(t) else "") if timed else (t,) for t in y.tolist()]
+        rows += [(one.label, *stamp, *value) for stamp, value in zip(stamps, values, strict=True)]
     return _csv_of(heads, rows)
 
 
@@ -181,7 +188,8 @@ def _trace(path, variable, number, product, wish):
     name, origin = variable.columns[number] or variable.name, store_index.origin(path)
     name = name if origin in ("", "measured") else f"{name} ({origin})"
     mark = f"{'AB'[product]} {name}" if wish.other else name
-    return Trace(mark, whole, -float(whole.x[0]) if wish.from_start else 0.0, product, number)
+    kind = "time" if wish.view != "spectrum" and series.is_time(path, variable.name) else "value"
+    return Trace(mark, whole, -float(whole.x[0]) if wish.from_start else 0.0, product, number, kind)
 
 
 def _differences(first, second, wish):
@@ -197,14 +205,17 @@ def _differences(first, second, wish):
     return found
 
 
-def _empty(kind, along):
+def _empty(kind, along, values="value"):
     """Figure without lines; a cross-hair shows values."""
     axes = {"time": {"x_axis_type": "datetime"}, "log": {"x_axis_type": "log", "y_axis_type": "log"}}.get(kind, {})
     ranges = {} if kind == "log" else {"x_range": Range1d()}
+    axes |= {"y_axis_type": "datetime"} if values == "time" else {}
     drawn = bokeh_figure(name="figure", height=430, x_axis_label=along, **TOOLS, **axes, **ranges)
     tips = [("", "@x{%F %T.%3N}"), ("GPS s", "@s{0.000}")] if kind == "time" else [("", "@x{0.000000}")]
-    formats = {"@y": "printf"} | ({"@x": "datetime"} if kind == "time" else {})
-    drawn.add_tools(HoverTool(tooltips=[*tips, ("", "@y{%.6g}")], formatters=formats, mode="mouse"))
+    tips += [("", "@y{%F %T.%3N}"), ("GPS s", "@t{0.000}")] if values == "time" else [("", "@y{%.6g}")]
+    formats = {"@x": "datetime"} if kind == "time" else {}
+    formats["@y"] = "datetime" if values == "time" else "printf"
+    drawn.add_tools(HoverTool(tooltips=tips, formatters=formats, mode="mouse"))
     return drawn
 
 

@@ -12,6 +12,8 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import welch
 
+from gravcal.report.figures import HANN
+from gravcal.report.plain import gps_text
 from gravcal.store import product
 
 BINS = 1500  # ranges across the screen; each is drawn as its lowest and highest value
@@ -19,6 +21,7 @@ GAP = 4.0  # a step longer than this many typical ones is not drawn as a line
 SEGMENT = 65536  # samples of one segment of a spectrum, at most
 LONGEST = 4_000_000  # samples of a spectrum or difference, at most
 TIME_UNITS = "seconds since 2000-01-01 12:00:00"
+FIRST_EPOCH_S = 3e7  # a value in seconds above this, one year, is no length but GPS time: no record is from before 2001
 UNIX_OF_EPOCH_S = 946728000.0  # 2000-01-01 12:00:00 in seconds past 1970-01-01, both without leap seconds
 SHOWN = 400  # values of a small variable that a table shows, and series of a large one that can be chosen
 
@@ -68,6 +71,17 @@ def find(path, name):
     return next((one for one in listed(path) if one.name == name), None)
 
 
+@functools.lru_cache(maxsize=1024)
+def is_time(path: Path, name: str) -> bool:
+    """Whether a variable holds GPS seconds: its unit says so, or is s with values that no length of time has."""
+    variable = find(path, name)
+    if variable.units != "s" or not (variable.dtype.startswith("float") or name == "gps_time"):
+        return variable.units == TIME_UNITS
+    with product.opened(path) as file:
+        some = np.asarray(file.variables[name][tuple(slice(SHOWN) for _ in variable.dims)])
+    return bool(np.isfinite(some).any() and np.nanmin(some) > FIRST_EPOCH_S)
+
+
 def coordinate(path, variable):
     """Name of what a plot of a variable runs along, "" where only the number of the sample is known; kind and label.
 
@@ -77,7 +91,7 @@ def coordinate(path, variable):
     found = find(path, name)
     if found is None or found.dtype == "text" or found.shape != (variable.shape[variable.axis],):
         return "", "index", f"{name} (number)"
-    if found.units == TIME_UNITS:
+    if is_time(path, name):
         return name, "time", "GPS time"
     return name, "value", f"{found.attributes.get('long_name', name)} ({found.units or '1'})"
 
@@ -93,12 +107,13 @@ def read(path: Path, name: str, number: int = 0) -> np.ndarray:
 
 
 def table(path, variable):
-    """First values of a small variable as rows of text, each with the names of its indices."""
+    """First values of a small variable as rows: names of its indices, text, calendar form of GPS seconds or ""."""
     with product.opened(path) as file:
         values = np.asarray(file.variables[variable.name][...])
         labels = [_labels(file, name, size) for name, size in zip(variable.dims, variable.shape, strict=True)]
-    texts = [_text(value) for value in values.ravel()[:SHOWN]]
-    return [(" ".join(where), text) for where, text in zip(itertools.product(*labels), texts, strict=False)]
+    timed, shown = is_time(path, variable.name), values.ravel()[:SHOWN]
+    texts = [(f"{t:.3f}", gps_text(t, 3)) if timed and np.isfinite(t) else (_text(t), "") for t in shown]
+    return [(" ".join(where), *text) for where, text in zip(itertools.product(*labels), texts, strict=False)]
 
 
 def _variable(file, name):
@@ -211,7 +226,7 @@ def difference(one, other, shift=0.0):
 
 
 def spectrum(whole):
-    """Amplitude spectral density of the longest even stretch without gaps (Welch, Hann, mean and slope removed).
+    """Amplitude spectral density of the longest even stretch without gaps (Welch, Hann window, mean and slope removed).
 
     Frequency (m,), Hz where the coordinate is in seconds; density (m,), unit Hz-1/2; and what was used, in words.
     """
@@ -223,7 +238,8 @@ def spectrum(whole):
     step = (x[last - 1] - x[first]) / (count - 1)
     length = min(SEGMENT, max(16, count // 4 if count > 1024 else count))
     frequency, power = welch(y[first:last], 1 / step, "hann", length, detrend="linear")
-    said = f"Welch, Hann, {2 * (count // length) - 1} segments of {length} samples, step {step:.6g} s"
+    said = f"{HANN} of {length} samples, mean power of {2 * (count // length) - 1} that overlap by half (Welch), mean"
+    said += f" and slope removed, step {step:.6g} s"
     return frequency[1:], np.sqrt(power[1:]), said
 
 

@@ -13,7 +13,7 @@ from gravcal.calibrations.checks import at_most
 from gravcal.estimation.records import Reported
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages, plain
-from gravcal.report.figures import COLOURS, bars, grid, thinned
+from gravcal.report.figures import BARE, COLOURS, bars, grid, thinned
 from gravcal.report.pages import Figure, Section, Table, figure
 from gravcal.report.plain import NOT_DETERMINED, decimals, gps_text, plus_minus, probability, signed
 from gravcal.store.results import units
@@ -344,7 +344,7 @@ def _added(change, calibration, records):
     return row | {"correction": change["correction"], "covariance": change["covariance_of_findings"]}
 
 
-@figure("discovery", caption="Power of the residual over that of noise; four bands a manoeuvre.")
+@figure("discovery", caption=f"Power of the residual over that of noise; four bands a manoeuvre. {BARE}.")
 def _power(found):
     names = found.attrs["channels"].split()
     tested = [k for k in range(len(names)) if np.any(found["test_channel"].values == k)]
@@ -378,7 +378,10 @@ def _number(found, place):
     return name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(place)
 
 
-@figure("discovery", caption="Mean over manoeuvres and axes; the dashed line is noise.")
+@figure(
+    "discovery",
+    caption=f"Mean over manoeuvres and axes; the dashed line is noise. {BARE} of each, mean power in bands.",
+)
 def _spectra(found):
     names = found.attrs["channels"].split()
     curves = {name: one for k, name in enumerate(names) if (one := _spectrum(found, k)) is not None}

@@ -35,6 +35,9 @@ MARKS = {
     "simulated": ("D", COLOURS["purple"], "SIMULATED"),
     "mixed": ("d", COLOURS["purple"], "simulated and measured"),
 }
+#: How every spectrum on a page is made; how long the stretches are, and how many, follows.
+HANN = "Spectra: periodograms under a Hann window"
+BARE = "Spectra: periodograms without a window"
 STYLE = matplotlib.rc_params_from_file(Path(__file__).with_name("report.mplstyle"), use_default_template=False)
 
 

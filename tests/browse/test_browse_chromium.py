@@ -6,28 +6,13 @@ It is skipped where Chromium and its driver are missing, unless GRAVCAL_NEEDS_CH
 from dataclasses import replace
 
 import pytest
-from chromium import DRAWN, click, complaints, wait
+from chromium import DRAWN, PIXELS, click, complaints, wait
 from invented_store import EVENT
 
 from flows.calibration import load
 from gravcal.browse import timeline
 from gravcal.report.history import history
 
-PIXELS = """
-const bokeh = [...document.querySelectorAll('.plot')].map(place => {
-  const walk = (root) => [...root.querySelectorAll('*')].flatMap(
-    (node) => [node, ...(node.shadowRoot ? walk(node.shadowRoot) : [])]);
-  const canvases = walk(place).filter((node) => node.tagName === 'CANVAS' && node.width > 100);
-  const colours = new Set();
-  for (const canvas of canvases) {
-    const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
-    for (let i = 0; i < data.length; i += 4)
-      if (data[i + 3] === 255) colours.add(`${data[i]},${data[i+1]},${data[i+2]}`);
-  }
-  return [...colours];
-});
-return bokeh;
-"""
 BLUE, VERMILION = "0,114,178", "213,94,0"
 
 

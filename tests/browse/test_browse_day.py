@@ -2,19 +2,25 @@
 
 import csv
 import io
+import itertools
 import json
 import re
+import time
+from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
 import axe_core_python
 import numpy as np
 import pytest
-from chromium import DRAWN, click, complaints, wait
+import xarray as xr
+from chromium import DRAWN, PIXELS, click, complaints, drag, wait
 from commands import gravcal
 from invented_store import EVENT, FILE, calibration, dataset, model, put, result
 
 from gravcal.browse import store_index
+from gravcal.report import discovery, pages
+from gravcal.report.figures import HANN, grid
 from gravcal.store import configurations, history, housekeeping, location
 
 PAGES = ("/", "/products?all=1", f"/event/{EVENT}", f"/event/{EVENT}/discovery", "/timeline/com_offset",
@@ -217,9 +223,36 @@ def test_what_is_drawn_comes_as_csv(shop, ask):
     assert len(ask(f"{where}?column=0&from={start + 1000}&to={start + 3000}").text.splitlines()) == pytest.approx(
         23, abs=2
     )
-    assert "frequency (Hz)" in ask(f"{where}?view=spectrum").text.splitlines()[0]
-    assert "Welch, Hann" in ask(f"{where.replace('/csv/', '/figure/')}?view=spectrum").text
+    said, heads, *rows = ask(f"{where}?view=spectrum").text.splitlines()
+    assert said.startswith(f"# {HANN} of 5000 samples, mean power of 7 that overlap by half (Welch)")
+    assert heads == 'series,frequency (Hz),"density of acceleration_b (m s-2), Hz-1/2"'
+    assert len(rows) == 3 * 2500
+    assert said[2:] in ask(f"{where.replace('/csv/', '/figure/')}?view=spectrum").text
     assert ask(f"{where.replace('acceleration_b', 'nothing')}").status_code == 404
+
+
+def test_seconds_of_gps_time_have_their_calendar_form_too(ask, site):
+    """Contract: of `detect`, whose unit is s: on the axis, under the mouse, in tables and CSV; a length has none."""
+    start, seconds = 6.4e8 + np.array([0.25, 180.0, np.nan]), {"units": "s"}
+    held = {"start": ("manoeuvre", start, seconds), "record_start": ((), start[0], seconds)}
+    held |= {"shift": ("manoeuvre", [0.1, 0.2, 0.3], seconds), "margin": ((), 600.0, seconds)}
+    key, other = (put(f"{EVENT}/com_offset.detect", xr.Dataset(held), {"gain": gain}).key for gain in (1, 2))
+    heads, *rows = ask(f"/csv/{key}/start").text.splitlines()
+    assert heads == 'series,manoeuvre (number),start (s),"start, calendar (GPS)"'
+    assert rows[0] == "start,0.0,640000000.25,2020-04-12 21:46:40.250"
+    assert rows[2] == "start,2.0,nan,"
+    assert ask(f"/csv/{key}/shift").text.splitlines()[0] == "series,manoeuvre (number),shift (s)"
+    assert "<td>2020-04-12 21:46:40.250</td>" in ask(f"/product/{key}?variable=record_start").text
+    assert "<td>2000-01-01" not in ask(f"/product/{key}?variable=margin").text
+    for view in (f"start?with={other}&view=difference", "start?view=spectrum", "shift?view=overlay"):
+        assert "DatetimeAxis" not in ask(f"/figure/{key}/{view}").text
+    browser = site(f"/product/{key}?variable=start")
+    figure = "Bokeh.documents[0].get_model_by_name('figure')"
+    assert browser.execute_script(f"return {figure}.left[0].axis_label") == "start (GPS time)"
+    assert browser.execute_script(f"return {figure}.left[0].type") == "DatetimeAxis"
+    shown = "return Array.from(Bokeh.documents[0].get_model_by_name('line-0').data.t)"
+    assert browser.execute_script(shown)[:2] == pytest.approx(start[:2].tolist())
+    assert complaints(browser) == []
 
 
 @pytest.fixture
@@ -256,8 +289,22 @@ def test_columns_sort_and_filters_combine_and_both_stand_in_the_address(at):
     assert browser.execute_script(cells.format(1)) == found
 
 
+def boxed(browser, panel):
+    """Zoom with the mouse into the middle of a panel."""
+    box = f"""const view = Bokeh.index.find_one({panel}), inner = view.frame.bbox;
+      view.model.toolbar.tools.find((one) => one.type === 'BoxZoomTool').active = true;
+      view.el.scrollIntoView({{block: 'center'}});
+      const outer = view.el.getBoundingClientRect();
+      return [outer.x + inner.x, outer.y + inner.y, inner.width, inner.height]"""
+    x, y, width, height = browser.execute_script(box)
+    drag(browser, *((x + share * width, y + share * height) for share in (0.3, 0.5, 0.7)))
+
+
 def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
-    """Contract: a zoom changes the address, which brings the same view back; the chain's size too."""
+    """Contract: a zoom in x or y changes the address, which brings the same view back; a reset takes it out.
+
+    So does the size of the chain.
+    """
     browser = at(f"/product/{shop['again']['align'].key}")
     range_ = "Bokeh.documents[0].get_model_by_name('figure').x_range"
     start = browser.execute_script(f"return {range_}.start")
@@ -273,6 +320,24 @@ def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
     browser.get(browser.current_url)
     wait(browser, lambda one: one.execute_script(DRAWN) == ["drawn"])
     assert browser.execute_script(f"return {range_}.start") == pytest.approx(start + 1000)
+    own = f"/product/{shop['again']['align'].key}"
+    panels = {own: "", f"{own}?view=spectrum": "", "/timeline/com_offset": ".children[1]"}
+    for path, panel in panels.items():
+        browser, panel = at(path), f"Bokeh.documents[0].roots()[0]{panel}"  # noqa: PLW2901 - the rest of its name
+        ends = f"return [{panel}.x_range, {panel}.y_range].flatMap((one) => [one.start, one.end])"
+        whole = browser.execute_script(ends)
+        assert not re.search("(from|to|low|high)[.0-9]*=", browser.current_url)
+        boxed(browser, panel)
+        wait(browser, lambda one: re.search("from=.*low(.2)?=", one.current_url))
+        view = browser.execute_script(ends)
+        assert np.all(np.array([1, -1, 1, -1]) * (np.array(view) - whole) > 0)
+        browser.get(browser.current_url)
+        wait(browser, lambda one: set(one.execute_script(DRAWN)) == {"drawn"})
+        time.sleep(0.5)  # s, in which finer data come
+        assert browser.execute_script(ends) == pytest.approx(view, rel=1e-12)
+        browser.execute_script(f"Bokeh.index.find_one({panel}).reset()")
+        wait(browser, lambda one: not re.search("(from|to|low|high)[.0-9]*=", one.current_url))
+        assert browser.execute_script(ends) == pytest.approx(whole)
     browser = at(f"/event/{EVENT}")
     wide = "return document.querySelector('svg.chain').getBoundingClientRect().width"
     before = browser.execute_script(wide)
@@ -333,45 +398,82 @@ def test_a_new_user_finds_by_clicks_alone(at, failing, path):
         assert "A gain is named." in browser.find_element("css selector", ".verdict").text
 
 
-def test_keys_are_shown_on_demand_and_what_has_no_result_says_why(at, day):
+def test_keys_are_shown_on_demand_and_what_has_no_result_says_why(at, day, monkeypatch):
     """Contract: no hash before it is asked for; an event without data says so."""
     browser = at("/")
     click(browser, "grace-d-2022-01-01")
     assert "no data" in browser.find_element("css selector", ".verdict.bad").text
-    browser = at("/products")
-    key = day["again"]["mtq"].key[:12]
-    assert key not in browser.find_element("tag name", "main").text
-    browser.find_element("id", "keys").click()
-    assert key in browser.find_element("tag name", "main").text
+    one = put(f"{EVENT}/com_offset.field", dataset(9).assign_attrs(igrf="f1" * 32), {"records": "da" * 32})
+    raw = {"name": "ACC1A.txt", "record": None, "inputs": [], "digest": "ab" * 32}
+    gone, tree = {"name": "0c" * 6, "record": None, "inputs": [], "gone": True}, history.tree
+    monkeypatch.setattr(history, "tree", lambda entry: tree(entry) | {"inputs": [raw, gone]})
+    own = [one.key, one.digest, "f1" * 32, "da" * 32, "gravcal_key", "sha256 abababababab", "0c0c0c0c0c0c"]
+    for path, keys in (("/products", [one.key[:12]]), (f"/product/{one.key}", own)):
+        browser = at(path)
+        text = browser.find_element("tag name", "main").text
+        assert not re.search("[0-9a-f]{12}|sha256", text), path
+        browser.find_element("id", "keys").click()
+        text = browser.find_element("tag name", "main").text
+        assert all(key in text for key in keys), path
 
 
 def test_a_phone_keeps_the_verdict_in_sight(at):
     """Contract: on 390 px the verdicts lie within the window, nothing has to be moved sideways."""
     browser = at("/", width=390)
-    inside = """return [...document.querySelectorAll('td.long')].filter((one) => one.textContent.trim()).every((one) =>
+    inside = """const cells = [...document.querySelectorAll('td.long, td:has(.mark)')];
+      return cells.filter((one) => one.checkVisibility() && one.textContent.trim()).every((one) =>
       one.getBoundingClientRect().left >= 0 && one.getBoundingClientRect().right <= innerWidth)"""
     assert browser.execute_script(inside)
-    for path in (f"/event/{EVENT}", "/compare/com_offset", f"/event/{EVENT}/discovery"):
+    browser = at("/timeline/com_offset", width=390)
+    assert browser.find_elements("css selector", "td[data-label='verdict'] .mark")
+    assert browser.execute_script(inside)
+    for path in (f"/event/{EVENT}", "/compare/com_offset", f"/event/{EVENT}/discovery", "/timeline/com_offset"):
         browser = at(path, width=390)
         assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path
 
 
 def test_dark_and_paper_have_styles_and_focus_is_seen(at):
-    """Contract: light letters on dark; no navigation on paper; an outline on what the keyboard is at."""
+    """Contract: light letters on dark; neither navigation nor dark on paper; an outline on what the keyboard is at."""
     style = "const s = getComputedStyle(document.querySelector('{}')); return [s.color, s.backgroundColor, s.display]"
     browser = at("/", dark=True)
     colour, paper, _ = browser.execute_script(style.format("body"))
     assert (colour, paper) == ("rgb(228, 228, 228)", "rgb(22, 25, 29)")
     browser = at(f"/event/{EVENT}", media="print")
     assert browser.execute_script(style.format("nav"))[2] == "none"
+    browser, night = at("/timeline/com_offset", dark=True), "22,25,29"
+    wait(browser, lambda one: night in one.execute_script(PIXELS)[0])
+    browser.execute_script(f"addEventListener('beforeprint', () => {{ window.printed = (() => {{{PIXELS}}})(); }})")
+    browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})
+    (printed,) = browser.execute_script("return window.printed")
+    assert "255,255,255" in printed
+    assert night not in printed
+    wait(browser, lambda one: night in one.execute_script(PIXELS)[0])
+    browser.get_log("browser")  # Chromium notes that the canvas is read often
     browser = at("/")
     browser.find_element("tag name", "body").send_keys("\ue004\ue004")  # Tab
     outline = "const s = getComputedStyle(document.activeElement); return [s.outlineStyle, s.outlineWidth]"
     assert browser.execute_script(outline) == ["solid", "3px"]
 
 
+def reports(folder):
+    """Write a report and a discovery by their templates, each with a wide table, checks and a figure; their paths."""
+    check = {"name": "gaps", "value": 1.0, "limit": 2.0, "unit": "1", "passed": True}
+    limit = {"cause": "timing.star_camera_delay", "parameter": "delay", "form": "", "unit": "s", "size": 0.004}
+    limit |= {"prior": 0.1, "bias_in_sigma": 0.5, "confirmed": True, "confused_with": ["accelerometer.bias_step"]}
+    document = result(EVENT, [1.0, 2.0, 3.0]) | {"provenance": {"products": {"com_offset.align": "ab" * 32}}}
+    document |= {"configuration": "operational", "settings": {"level": 0.005}, "checks": [check], "limits": [limit]}
+    drawn = pages.Figure(lambda: grid(1, 1, 2.0)[0], ("align",), "What was drawn.", ())
+    several = pages.Table("Rows of many columns.", [f"column {n}" for n in range(30)], [range(30)], ("align",))
+    for name, table in (("report", several), ("discovery", discovery.limits_table(document))):
+        sections = [pages.Section("One", [table, replace(several, caption="More.")], [drawn], ["Said."], beside=True)]
+        (folder / f"{name}.html").write_text(
+            pages.page(document, sections, {}, heading=name, badges=[("a", True, "b")])
+        )
+    return [folder / "report.html", folder / "discovery.html"]
+
+
 @pytest.mark.parametrize("dark", [False, True])
-def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, dark):  # noqa: ARG001 - more to show
+def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, dark, tmp_path):  # noqa: ARG001 - more to show
     """Contract: no violation that axe-core finds (contrast, names, roles, headings); figures drawn, a quiet console."""
     for path in (*(PAGES[2:4] if dark else PAGES), f"/product/{shop['again']['mtq'].key}"):
         browser = at(path, dark=dark)
@@ -380,6 +482,12 @@ def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, d
         assert set(browser.execute_script(DRAWN)) <= {"drawn"}, path
         assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path
         assert complaints(browser) == []
+    for width, path in itertools.product((1300, 390), reports(tmp_path)):
+        browser = at("/", width=width, dark=dark)
+        browser.get(path.as_uri())  # as the pages show it in a frame, where no script may run
+        browser.execute_script(SCRIPT)
+        assert browser.execute_async_script(AXE) == [], (path.name, width)
+        assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path.name
 
 
 def test_the_accessibility_check_finds_what_is_wrong(at):

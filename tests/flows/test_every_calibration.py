@@ -491,7 +491,7 @@ def test_a_report_begins_with_its_verdict_and_its_numbers_can_be_traced(kinds, n
     """
     folder = kinds[f"{name}.report"].parent
     page = (folder / "report.html").read_text()
-    body = page.partition("<body>")[2].lstrip()
+    body = page.partition("<main>")[2].lstrip()
     assert re.match(r'<p class="origin">Simulated data: [^<]*</p>\s*<p class="verdict', body)
     style = (resources.files("gravcal.report") / "report.css").read_text()
     assert style.strip() in page

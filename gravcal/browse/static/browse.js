@@ -16,15 +16,42 @@ async function answer(address) {
   throw new Error(said ? await response.text() : response.statusText);
 }
 
-// Points with their GPS seconds, which a plot shows beside calendar time (x in ms past 1970).
+// Points with their GPS seconds, which a plot shows beside calendar time (s of x and t of y, both in ms past 1970).
 function withSeconds(x, y) {
-  return { x, y, s: Float64Array.from(x, (one) => one / 1e3 - 946728000) };
+  const seconds = (one) => one / 1e3 - 946728000;
+  return { x, y, s: Float64Array.from(x, seconds), t: Float64Array.from(y, seconds) };
 }
 
-function follow(place, figure) {
-  let timer = null, latest = 0;
+// The view of a figure stands in the address: x of its first panel, which the others share, and y of each. Of the first
+// figure these are from, to, low, high; a later figure adds its number, a later panel a point and its own. Finer data
+// are asked for where the figure says from where.
+function follow(place, panels) {
+  const number = [...document.querySelectorAll("[data-figure]")].indexOf(place);
+  const keep = (range, row, names, refresh) => {
+    const own = names.map((name) => `${name}${number ? number + 1 : ""}${row ? `.${row + 1}` : ""}`);
+    const asked = new URLSearchParams(location.search), [start, end] = own.map((name) => parseFloat(asked.get(name)));
+    const whole = [range.start, range.end];
+    let timer = null;
+    range.change.connect(() => { clearTimeout(timer); timer = setTimeout(() => {
+      const moved = range.type === "Range1d" ? range.start !== whole[0] || range.end !== whole[1] : range.have_updated_interactively;
+      address({ [own[0]]: moved ? String(range.start) : "", [own[1]]: moved ? String(range.end) : "" });
+      const link = document.getElementById("csv");
+      if (link) link.search = location.search;
+      if (refresh) refresh();
+    }, WAIT_MS); });
+    if (!(end > start)) return;
+    range.have_updated_interactively = true;  // else Bokeh sets the range of a DataRange1d anew
+    range.setv({ start, end });
+  };
+  keep(panels[0].x_range, 0, ["from", "to"], place.dataset.data && !place.dataset.fixed ? refine(place, panels[0]) : null);
+  panels.forEach((panel, row) => keep(panel.y_range, row, ["low", "high"], null));
+}
+
+// Function that asks for the data of a figure between the ends of its view.
+function refine(place, figure) {
+  let latest = 0;
   const range = figure.x_range;
-  const refresh = async () => {
+  return async () => {
     const own = ++latest;
     place.dataset.state = "refining";
     try {
@@ -38,16 +65,6 @@ function follow(place, figure) {
       place.dataset.refined = String(Number(place.dataset.refined || 0) + 1);
     } catch (error) { place.dataset.state = "drawn"; console.error(error); }
   };
-  const keep = () => {
-    address({ from: String(range.start), to: String(range.end) });
-    const link = document.getElementById("csv");
-    if (link) link.search = location.search;
-  };
-  const later = () => { keep(); clearTimeout(timer); timer = setTimeout(refresh, WAIT_MS); };
-  range.properties.start.change.connect(later);
-  range.properties.end.change.connect(later);
-  const asked = new URLSearchParams(location.search), start = Number(asked.get("from")), end = Number(asked.get("to"));
-  if (asked.has("from") && end > start) range.setv({ start, end });
 }
 
 // What is chosen on a page stands in its address, so that it can be sent and kept.
@@ -58,28 +75,37 @@ function address(changes) {
   history.replaceState(null, "", text ? `?${text}` : location.pathname);
 }
 
-// Figures on dark paper where the page is dark.
-function darken(views) {
+// Figures on dark paper where the page is dark, on white when it is printed.
+function shade(views, panels) {
   const paint = { background_fill_color: "#16191d", border_fill_color: "#16191d", grid_line_color: "#333940",
     axis_label_text_color: "#e4e4e4", major_label_text_color: "#b5b5b5", axis_line_color: "#8a8a8a",
     major_tick_line_color: "#8a8a8a", label_text_color: "#e4e4e4" };
+  const both = [];
   for (const model of views._all_models.values())
     for (const [name, colour] of Object.entries(paint))
-      if (name in model.properties) model[name] = colour;
+      if (name in model.properties) both.push([model, name, model[name], colour]);
+  const dark = matchMedia("(prefers-color-scheme: dark)");
+  const turn = (onPaper) => {
+    for (const [model, name, day, night] of both) model[name] = dark.matches && !onPaper ? night : day;
+    if (onPaper) for (const panel of panels) Bokeh.index.find_one(panel).paint();  // the printer does not wait
+  };
+  dark.addEventListener("change", () => turn(false));
+  addEventListener("beforeprint", () => turn(true));
+  addEventListener("afterprint", () => turn(false));
+  turn(false);
 }
 
 async function draw(place) {
   try {
     const item = await answer(place.dataset.figure);
     const views = await Bokeh.embed.embed_item(item, place.id);
-    const last = Bokeh.documents[Bokeh.documents.length - 1];
-    if (matchMedia("(prefers-color-scheme: dark)").matches && !matchMedia("print").matches) darken(last);
+    const last = Bokeh.documents[Bokeh.documents.length - 1], panels = last.roots()[0].children || last.roots();
+    shade(last, panels);
     for (let line = 0, source; (source = last.get_model_by_name(`line-${line}`)); line++)
       source.data = withSeconds(source.data.x, source.data.y);
-    const figure = place.dataset.data ? last.get_model_by_name("figure") : null;
     if (item.said) place.insertAdjacentHTML("afterend", "<p class='sub plotted'></p>");
     if (item.said) place.nextElementSibling.textContent = item.said;
-    if (figure && !place.dataset.fixed) follow(place, figure);
+    follow(place, panels);
     place.dataset.state = "drawn";
     place.dataset.ms = String(Math.round(performance.now()));
     return views;

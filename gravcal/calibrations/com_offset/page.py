@@ -13,7 +13,7 @@ from gravcal.calibrations.com_offset.align import OUTLIER, REACH, SCHEMAS
 from gravcal.calibrations.com_offset.estimate import adopted as adopted_variant
 from gravcal.calibrations.schemas import build
 from gravcal.report import documents, plain
-from gravcal.report.figures import AXIS, COLOURS, bars, density, grid, joined, number_windows, thinned
+from gravcal.report.figures import AXIS, COLOURS, HANN, bars, density, grid, joined, number_windows, thinned
 from gravcal.report.pages import Section, Table, figure, page
 from gravcal.report.plain import AXES, NOT_DETERMINED, chi_square, gps_text, number, numbers, plus_minus, signed
 
@@ -697,7 +697,8 @@ def _angular_accelerations(angular, detected):
 
 @figure(
     "solve.mtq",
-    caption="Residuals of all manoeuvres against the noise that weighted them; the modelled signal for scale.",
+    caption="Residuals of all manoeuvres against the noise that weighted them; the modelled signal for scale. "
+    f"{HANN} as long as the shortest manoeuvre, mean power of all.",
 )
 def _spectra(solved):
     reading, model = solved["reading"].values, solved["model"].values

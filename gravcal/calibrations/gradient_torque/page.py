@@ -10,7 +10,7 @@ from gravcal.calibrations.gradient_torque import checks
 from gravcal.calibrations.gradient_torque.model import SCHEMAS
 from gravcal.calibrations.schemas import build
 from gravcal.report import documents
-from gravcal.report.figures import COLOURS, grid
+from gravcal.report.figures import COLOURS, HANN, grid
 from gravcal.report.pages import Section, Table, figure, page
 from gravcal.report.plain import AXES, NOT_DETERMINED, gps_text, number, numbers
 from gravcal.store import product
@@ -212,7 +212,8 @@ def _knowledge_tables(document):
 
 @figure(
     "torque",
-    caption="Amplitude by zonal degree, all axes together, against the sensor; grouped as figures 4 to 7 of the paper.",
+    caption="Amplitude by zonal degree, all axes together, against the sensor; grouped as figures 4 to 7 of the paper. "
+    f"{HANN} over the whole record.",
 )
 def _spectra(torque):
     look = {"titles": [f"zonal degrees {low} to {high}" for low, high in GROUPS], "sharex": True, "sharey": True}
@@ -254,7 +255,8 @@ def _degrees(torque):
 @figure(
     "combine",
     caption="Densities of drag and of the errors of the methods, with and without sensor noise; figures 8 and 9 of the "
-    "paper draw amplitudes of lines, which for noise depend on the length of the record.",
+    "paper draw amplitudes of lines, which for noise depend on the length of the record. "
+    f"{HANN} over the whole record.",
 )
 def _errors(combined):
     if not np.isfinite(combined["error_rms"].values).any():  # without the truth

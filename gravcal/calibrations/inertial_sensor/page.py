@@ -12,7 +12,7 @@ from gravcal.calibrations.inertial_sensor.estimate import filtered_readouts
 from gravcal.calibrations.schemas import build
 from gravcal.effects.inertial_sensor import READOUT, VOLTAGES
 from gravcal.report import documents
-from gravcal.report.figures import AXIS, COLOURS, density, grid, opened
+from gravcal.report.figures import AXIS, COLOURS, HANN, density, grid, opened
 from gravcal.report.pages import Section, Table, figure, page
 from gravcal.report.plain import AXES, NOT_DETERMINED, estimate, gps_text, number, numbers, plus_minus
 
@@ -421,7 +421,7 @@ def _converging(filtered, ends, names, factor):
     return figure
 
 
-@figure("align", caption="Readouts before and after the CRN filter of the published method.")
+@figure("align", caption=f"Readouts before and after the CRN filter of the published method. {HANN} over the record.")
 def _filtering(aligned):
     step, before, after = filtered_readouts(aligned)
     labels = {"xlabel": "frequency (Hz)", "ylabels": ["density (V Hz$^{-1/2}$)"]}
@@ -465,7 +465,7 @@ def _segments(biased):
     return figure
 
 
-@figure("bias", caption="Amplitude spectrum of z, median of the segments.")
+@figure("bias", caption=f"Amplitude spectrum of z. {HANN} as long as a segment, median power of all.")
 def _z_spectrum(biased):
     labels = {"xlabel": "frequency (Hz)", "ylabels": ["density (m s$^{-2}$ Hz$^{-1/2}$)"]}
     figure, ((panel,),) = grid(1, 1, 2.6, margins=WIDE, **labels)

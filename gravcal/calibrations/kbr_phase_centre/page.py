@@ -14,7 +14,7 @@ from gravcal.calibrations.kbr_phase_centre.checks import of_result
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, SCHEMAS, SUBSETS, middle
 from gravcal.calibrations.schemas import build
 from gravcal.report import documents, plain
-from gravcal.report.figures import COLOURS, bars, grid, opened, thinned
+from gravcal.report.figures import COLOURS, HANN, bars, grid, opened, thinned
 from gravcal.report.pages import Section, Table, figure, page
 from gravcal.report.plain import NOT_DETERMINED, chi_square, gps_text, number, numbers, plus_minus, signed
 
@@ -504,7 +504,7 @@ def _series(solved):
 @figure(
     "solve.*",
     caption="Density of ranging minus orbit in the wiggles, before and after the fit; dotted: 4 and 8 mHz, the wiggle "
-    "and its second harmonic.",
+    f"and its second harmonic. {HANN} over each wiggle, mean power.",
 )
 def _spectra(solved):
     if not solved["range"]["time_kbr"].size:
@@ -522,7 +522,7 @@ def _spectra(solved):
 @figure(
     "noise",
     caption="Noise of the range: quiet data, their model, and the residual in the wiggles, where the star camera adds "
-    "its error times the tilt of the antenna.",
+    f"its error times the tilt of the antenna. {HANN} over each stretch or wiggle, mean power.",
 )
 def _noise(measured):
     figure, ((panel,),) = grid(1, 1, 2.4, titles=["noise, µm/√Hz"])

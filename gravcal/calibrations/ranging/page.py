@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gravcal.report.figures import COLOURS, bars, grid, opened, thinned
+from gravcal.report.figures import COLOURS, HANN, bars, grid, opened, thinned
 from gravcal.report.named_parameters import Page
 from gravcal.report.pages import Section, Table, figure
 
@@ -72,7 +72,8 @@ def more(products):
 @figure(
     "estimate",
     "align",
-    caption="Share of the antenna correction that the range shows, and pointing with what is kept of it.",
+    caption="Share of the antenna correction that the range shows, and pointing with what is kept of it. "
+    f"{HANN} over the record, mean power in bands.",
 )
 def _share(found, aligned):
     titles = ("share of the correction", "pointing, mrad/√Hz; points: kept")
