@@ -130,7 +130,9 @@ def values(document, variant=None):
 
 
 def recomputed(document, section, printed, _run):
-    """Offset of a variant, all manoeuvres or one, for a row of Tables 6, 7 and 9."""
+    """Offset of a variant, all manoeuvres or one, for a row of Tables 6 to 9."""
+    if document["event"] not in printed.events:
+        return None
     blocks, variant = document["variants"], printed.labels.get("variant", "acc")
     if section == "manoeuvres":
         kind = lambda one: (one["kind"], one["latitude_class"])  # noqa: E731
@@ -139,8 +141,6 @@ def recomputed(document, section, printed, _run):
         own = [one for one in document["manoeuvres"] if kind(one) == kind(printed.labels)]
         place = rows.index(printed.order)  # among those of its kind and latitude: simulated days have another order
         blocks = own[place]["variants"] if place < len(own) else {}
-    elif section == "history" and not document["event"].endswith(printed.date):
-        return None
     block = blocks.get(variant)
     return block and (block["offset_um"], block["sigma_um"])
 

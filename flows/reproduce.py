@@ -3,21 +3,26 @@
 What a paper consists of stands in `catalog/published/papers.toml`, what is compared in the record of its calibration.
 """
 
+import base64
 import csv
 import datetime
+import html
 import re
 import shutil
+import textwrap
 
-from flows import command, output
+from flows import command, engine, output
 from flows.engine import other_store
 from gravcal import catalog
-from gravcal.errors import ProductError
+from gravcal.browse import timeline
+from gravcal.errors import GravcalError, ProductError
 from gravcal.io import archive, fetch
-from gravcal.report import pages
+from gravcal.report import history, pages
 from gravcal.store import configurations, schemas
 
 RUNS = ("as_printed", "corrected")
 HEADS = ("printed", "as printed, recomputed", "corrected")
+FIGURE = re.compile(r"<figure.*?</figure>", re.DOTALL)
 
 
 def papers():
@@ -29,7 +34,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
     """Document of a paper reproduced in a folder: data, a store of its own, both reports, page and tables.
 
     Days come from an archive (``place``), lie in the folder ``data``, or are simulated with the printed values as
-    truth, which a paper without public data always is.
+    truth, which a paper without public data always is. A table of many dates has those that are at hand or simulated.
     """
     paper, one = papers()[name], command.record(name)
     made = simulated or not (paper["public"] or data)
@@ -43,11 +48,13 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
         days = [datetime.date.fromisoformat(day) for day in paper["days"]]
         archives = [archive for day in days for archive in fetch.of_day(paper["letters"], day)]
         fetch.fetch(archives, folder, place, listener, fetch.Patience(tell=tell))
-    documents = {}
+    date = paper["days"][0] if paper["public"] and len(paper["days"]) == 1 else None
     with other_store(str(out / "store")):  # simulated days bear the names of measured ones
-        for run in RUNS:
-            documents[run] = _run(one, paper, folder, run, out / run)
-    items = [_compared(one, item, documents) for item in paper["tables"]]
+        found = {run: [_run(one, paper, run, folder, paper["satellite"], date, out / run)] for run in RUNS}
+        for item in (item for item in paper["tables"] if "truth" in item):
+            _dates(one, paper, item, out / "dates" if made else folder, made, found)
+    documents = {run: own for run, (own, *_) in found.items()}
+    items = [_compared(one, item, found) for item in paper["tables"]]
     items += [item | {"rows": []} for item in paper["figures"]]
     kinds = {run: document["origin"] for run, document in documents.items()}
     document = {
@@ -66,44 +73,69 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
     return document
 
 
-def _run(one, paper, folder, run, out):
+def _run(one, paper, run, folder, satellite, date, out=None):
+    """Document of a day as printed or corrected, its report in a folder if one is given."""
     settings = [f"{key}={value}" for key, value in paper["as_printed"].items()] if run == "as_printed" else []
-    truth = out.parent / f"truth_{paper['days'][0]}.nc"
-    settings += [f"truth={truth}"] if truth.is_file() else []  # series of a simulated day
+    truth = out and out.parent / f"truth_{paper['days'][0]}.nc"
+    settings += [f"truth={truth}"] if truth and truth.is_file() else []  # series of a simulated day
     name = run if run == "as_printed" and paper["as_printed"] else None
     chosen = configurations.record(command.configured(one.name, settings, None, name))
-    date = paper["days"][0] if paper["public"] and len(paper["days"]) == 1 else None
-    source = command.source(one.name, None, folder, paper["satellite"], date)
+    source = command.source(one.name, None, folder, satellite, date)
     document, ref = command.calibrate(one.name, source, chosen, "inline")
-    out.mkdir(exist_ok=True)
-    for path in ref.folder.iterdir():
-        if path.name not in ("meta.json", "product.nc"):
-            shutil.copy(path, out / path.name)
     if document["status"] not in ("delivered", "questionable"):
         wanted = "a result. See its report, and try another archive."
         raise ProductError(f"{paper['title']}: found {document['status']} in {folder}, expected {wanted}")
+    if out:
+        out.mkdir(exist_ok=True)
+        for path in ref.folder.iterdir():
+            if path.name not in ("meta.json", "product.nc"):
+                shutil.copy(path, out / path.name)
     return document
 
 
-def _compared(one, item, documents):
+def _dates(one, paper, item, folder, made, found):
+    """Add documents of the dates of a table: each simulated with what is printed for it as truth, or at hand."""
+    at_hand = {} if made else {days[1:]: days[0] for days in one.days(folder)}
+    for seed, record in enumerate(catalog.published(one.name)[item["section"]], 101):
+        if any(document["event"] in record.events for document in found["corrected"]):
+            continue
+        letter, date = catalog.event(record.events[0]).letters, record.date
+        where = folder / f"{letter}-{date}" if made else at_hand.get((letter, date))
+        if made:
+            truth = {item["truth"]: ",".join(map(str, record.value)), "satellite": letter, "date": date}
+            one.simulate(where, seed=seed, settings=paper["simulate"] | item["simulate"] | truth)
+        try:
+            documents = [_run(one, paper, run, where, letter, date) for run in RUNS if where]
+        except GravcalError as error:
+            engine.warn(f"{record.events[0]} left out: {error}")
+            continue
+        for run, document in zip(RUNS, documents, strict=False):
+            found[run].append(document)
+
+
+def _compared(one, item, found):
     """Item with its rows: each printed number beside those of both runs, where they have one."""
     if "section" not in item:
         return item | {"rows": []}
     rows = []
     for record in catalog.published(one.name)[item["section"]]:
-        found = {run: one.recomputed(d, item["section"], record, run) for run, d in documents.items()}
-        if not any(found.values()):
+        blocks = {}
+        for run in RUNS:
+            made = (one.recomputed(document, item["section"], record, run) for document in found[run])
+            blocks[run] = next(filter(None, made), None)
+        if not any(blocks.values()):
             continue
-        none = ([None] * len(record.value),) * 2
+        unknown = ([None] * len(record.value),) * 2
         names = item.get("components") or ("xyz" if len(record.value) == 3 else [""] * len(record.value))
         label = " ".join(value for value in record.labels.values() if value)
         for k, component in enumerate(names):
             sigma = record.sigma[k] if k < len(record.sigma) else None
             row = {"row": f"{label} {component}".strip(), "printed": [record.value[k], sigma]}
-            row |= {run: [part[k] for part in found[run] or none] for run in RUNS}
+            row |= {run: [part[k] for part in blocks[run] or unknown] for run in RUNS}
             if any(value is not None for value, _ in (row[name] for name in ("printed", *RUNS))):
                 rows.append(row)
-    return item | {"rows": rows}
+    none = {} if rows else {"reason": "no day of its dates is at hand (--data FOLDER)"}
+    return item | {"rows": rows} | none
 
 
 def _text(pair):
@@ -112,6 +144,10 @@ def _text(pair):
         return "-"
     text = value if isinstance(value, str) else f"{value:.5g}"
     return text if sigma is None else f"{text} +- {sigma:.2g}"
+
+
+def _wrapped(text):
+    return textwrap.wrap(text, 140, break_on_hyphens=False)
 
 
 def _write(out, document):
@@ -126,18 +162,50 @@ def _write(out, document):
     lines, parts = [], []
     for item in document["items"]:
         said = item.get("reason") or item["difference"]
-        lines += [f"**{item['name']}** {'not made: ' if 'reason' in item else ''}{said}", ""]
+        lines += [*_wrapped(f"**{item['name']}** {'not made: ' if 'reason' in item else ''}{said}"), ""]
         rows = [[row["row"], *(_text(row[n]) for n in ("printed", *RUNS))] for row in item["rows"]]
         if rows:
             lines += [f"| {item['unit']} | {' | '.join(HEADS)} |", "| --- | --- | --- | --- |"]
             lines += [f"| {' | '.join(row)} |" for row in rows] + [""]
-        drawn = {run: _figures(out / run / "report.html", item["report"]) for run in RUNS} if "report" in item else {}
+        drawn = {run: _drawn(out, document, item, run) for run in RUNS} if {"report", "series"} & set(item) else {}
+        lines += _pictures(out, document["calibration"], item, drawn)
         parts.append({"item": item, "said": said, "rows": rows, "drawn": drawn})
     (out / "gallery.md").write_text("\n".join(lines))
     (out / "index.html").write_text(pages.render("reproduction.html", paper=document, parts_of=parts, heads=HEADS))
 
 
-def _figures(path, section):
-    parts = re.split(r"<h2[^>]*>", path.read_text(encoding="utf-8"))[1:]
-    own = next((part for part in parts if part.startswith(section)), "")
-    return re.findall(r"<figure.*?</figure>", own, re.DOTALL)
+def _drawn(out, document, item, run):
+    """Figures of a run as they stand in a page: of a section of its report, or of a table over the years."""
+    if "series" in item:
+        return FIGURE.findall(_series(document, item["series"], run))
+    parts = re.split(r"<h2[^>]*>", (out / run / "report.html").read_text(encoding="utf-8"))[1:]
+    return FIGURE.findall(next((part for part in parts if part.startswith(item["report"])), ""))
+
+
+def _series(document, table, run):
+    """Page of a table over the years: printed values, those of a run, and the mass trims."""
+    one, points = command.record(document["calibration"]), []
+    letter = papers()[one.name]["satellite"]
+    item = next(item for item in document["items"] if item["name"] == table)
+    unit = item["unit"].replace("um", "µm")
+    for name, mood in (("printed", "printed"), (run, document["origin"])):
+        for row in (row for row in item["rows"] if row[name][0] is not None):
+            date, axis = re.search(r"(\d{4}-\d\d-\d\d).* (\w)$", row["row"]).groups()
+            said = datetime.datetime.fromisoformat(date), *row[name], "", mood, document["doi"]
+            points.append(timeline.Point(letter, axis, unit, *said))
+    return history.history(one.quantity, points, [(letter, trim) for trim in timeline.trims(letter)], one.band)[1]
+
+
+def _pictures(out, name, item, drawn):
+    """Lines of Markdown with the first figure of each run, or of both where they are alike; writes the files."""
+    lines, alike = [], {}
+    for run, figures in drawn.items():
+        for found in re.findall(r'base64,([^"]*)" alt="([^"]*)"', "".join(figures[:1])):
+            alike.setdefault(found, []).append(run)
+    for (address, title), runs in alike.items():
+        of, said = ("", "Both runs") if len(runs) > 1 else (runs[0], HEADS[1 + RUNS.index(runs[0])].capitalize())
+        path = "images/papers/" + re.sub(r"\W+", "_", f"{name} {item['name']} {of}".strip().lower()) + ".svg"
+        (out / path).parent.mkdir(parents=True, exist_ok=True)
+        (out / path).write_bytes(base64.b64decode(address))
+        lines += [*_wrapped(f"*{said}: {html.unescape(title)}.*"), "", f"![{html.unescape(title)}]({path})", ""]
+    return lines

@@ -1,6 +1,7 @@
 """Printed values of the catalogue against independent readings, and against what the prints say about themselves."""
 
 import csv
+import re
 import tomllib
 from importlib import resources
 from pathlib import Path
@@ -157,3 +158,8 @@ def test_erratum_k_3_explains_the_printed_errors_of_the_range_and_not_its_values
     assert f"x is {c['from prediction']:.0f} errors from the prediction" in text
     others = [*c["others"], *d["others"]]
     assert f"between {-min(others):.0f} mm below and {max(others):.0f} mm above" in text
+    page = (ROOT / "docs" / "papers.md").read_text()
+    again = [float(one) for one in re.findall(r"^\| grace-. x range \| \S+ \+- \S+ \| (\S+)", page, re.MULTILINE)[:2]]
+    truth = [float(one) for one in re.search(r"with (\S+) and (\S+) mm as truth", text).groups()]
+    assert f"the range gives {again[0]} and {again[1]} mm by least squares" in text
+    assert f"{truth[0] - again[0]:.0f} and {truth[1] - again[1]:.0f} mm short" in text
