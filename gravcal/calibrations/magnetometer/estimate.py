@@ -156,7 +156,8 @@ def check(
     ratio = beyond / [size[name] for name in known["parameter"].values]
     largest = np.max(ratio, where=np.isfinite(ratio), initial=0.0)
     delay = dict(zip(map(str, found["parameter"].values), found["value"].values, strict=True)).get("delay", 0.0)
-    tags = {"attitude": (aligned["camera_late"], camera_limit_s), "magnetometer": (np.nan_to_num(delay), delay_limit_s)}
-    made += [at_most(f"tags of the {one}", abs(float(late)), limit, "s") for one, (late, limit) in tags.items()]
+    lag = max(abs(float(np.nan_to_num(delay))), abs(model.late(aligned).get("timing.magnetometer_delay", (0.0,))[0]))
+    made.append(at_most("tags of the attitude", abs(float(aligned["camera_late"])), camera_limit_s, "s"))
+    made.append(at_most("tags of the magnetometer", lag, delay_limit_s, "s"))
     made.append(at_most("scale or axes over their plausible size", largest, plausible_limit, "1"))
     return checks.product([*made, *named_parameters.checks(found, agreement_limit)])

@@ -132,13 +132,13 @@ def late(aligned: xr.Dataset) -> dict[str, tuple[float, np.ndarray]]:
         found["timing.star_camera_delay"] = camera, model - one.model_b
     lag = np.arange(-APART_S, APART_S + 1)
     if np.ptp(one.time) > max(LONG_S, 4 * APART_S):
-        inner = (one.time > one.time[0] + APART_S) & (one.time < one.time[-1] - APART_S)
-        inner &= np.arange(one.time.size) % max(inner.sum() // 2000, 1) == 0
-        before = lambda d: np.stack([np.interp(one.time - d, one.time, c) for c in model.T], axis=1)  # noqa: E731
-        left = [np.var(one.measured_b[inner] - before(d)[inner], axis=0).sum() for d in lag]
+        inner = np.flatnonzero((one.time > one.time[0] + APART_S) & (one.time < one.time[-1] - APART_S))
+        inner = inner[:: max(inner.size // 2000, 1)]
+        before = lambda time: np.stack([np.interp(time, one.time, c) for c in model.T], axis=1)  # noqa: E731
+        left = [np.var(one.measured_b[inner] - before(one.time[inner] - d), axis=0).sum() for d in lag]
         best = int(lag[np.argmin(left)])
         if abs(best) > LATE_S and CLEARLY * min(left) < left[APART_S]:
-            found["timing.magnetometer_delay"] = float(best), before(best) - model
+            found["timing.magnetometer_delay"] = float(best), before(one.time - best) - model
     return found
 
 
