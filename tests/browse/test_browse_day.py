@@ -357,8 +357,10 @@ def failing(day):
     put(f"{event}/com_offset.report", dataset(10), files={"result.json": json.dumps(document)})
     proposal = {"calibration": "com_offset", "satellite": "C", "date": "2026-03-01"}
     proposal |= {"manoeuvres": [{"count": 5, "kind": "pitch", "rod": "x", "latitude_deg": [70, 80]}]}
-    proposal |= {"design": {"sigma": sigma, "unit": {"x": "um", "y": "um"}}}
-    proposal |= {"published": {"sigma": {"x": 2.25, "y": None}}}
+    pair = {"causes": ["accelerometer.current_leak", "accelerometer.angular_leak"], "chi2": 43.0, "odds": 0.97}
+    new = {"sigma": sigma, "unit": {"x": "um", "y": "um"}, "separated": [pair]}
+    proposal |= {"design": new, "published": {"sigma": {"x": 2.25, "y": None}, "separated": [pair | {"odds": 0.31}]}}
+    proposal |= {"verified": {"flights": 12, "sigma": [1.49, 0.45], "error_rms": [1.56, None]}}
     location.write_json(location.folder() / "designs" / "com_offset-C-2026-03-01.json", proposal)
     return event
 
@@ -392,7 +394,8 @@ def test_a_new_user_finds_by_clicks_alone(at, failing, path):
         assert "chi2 of the manoeuvres: 7.25, limit 2" in shown()
         assert "gaps" not in shown()
     elif path == ("Designs",):
-        for said in ("C, 2026-03-01", "x (um) 2.25 1.51", "y (um) not determined 0.45", "count 5, kind pitch, rod x"):
+        rows = "x (um) 2.25 1.51 1.49 1.56", "y (um) not determined 0.45 0.45 not determined", "31 % 97 % 43"
+        for said in ("C, 2026-03-01", "achieved in 12 flights", *rows, "count 5, kind pitch, rod x"):
             assert said in shown()
     else:
         assert "A gain is named." in browser.find_element("css selector", ".verdict").text
