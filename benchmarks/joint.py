@@ -16,6 +16,7 @@ and D in turn. Every third event is then left out once.
 """
 
 import datetime
+import resource
 import tempfile
 import time
 from pathlib import Path
@@ -169,7 +170,9 @@ def ties(world, rng, runs) -> list[Figure]:
         said["missed"] += not sets
         rows += tied(world, cause, value, sets)
     say(f"{runs} draws: {', '.join(f'{k} {n}' for k, n in said.items())}")
-    return [*shares(rows), Figure("processor time of a search", f"{(time.process_time() - started) / runs:.1f} s")]
+    memory = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1e3  # kB on Linux
+    spent = f"{(time.process_time() - started) / runs:.1f} s"
+    return [*shares(rows), Figure("processor time of a search", spent, f"largest memory {memory:.0f} MB")]
 
 
 def separations(events, slug, truth, sets):
