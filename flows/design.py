@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 from flows import calibration as calibrations
-from flows import output
+from flows import discover, output
 from flows.engine import other_store
 from gravcal import catalog, toml
 from gravcal.discovery import design
@@ -77,7 +77,7 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
             "published_minutes": usual,
         }
         if verify:
-            document["verified"] = place.verified(plan, verify)
+            document["verified"] = place.verified(plan, verify, causes)
     if out:
         Path(out).mkdir(parents=True, exist_ok=True)
         (Path(out) / "plan.toml").write_text(plan_text(name, plan, f"gravcal design, {satellite} {date}"))
@@ -205,10 +205,11 @@ class Place:
         settings = {name: value for name, value in settings.items() if name in known and value is not None}
         return settings | {"design": str(named), "date": self.date}
 
-    def flight(self, label, plan, seed, **more):
+    def flight(self, label, plan, seed, effects=None, **more):
         """Source and truth of a simulated flight of a plan; the published one is flown at any time of the day."""
         files_, more = self.folder / label, more | ({"manoeuvre_windows": ""} if isinstance(plan, str) else {})
-        truth = self.one.simulate(files_, seed=seed, settings=self.settings(label, plan, **more))
+        settings = self.settings(label, plan, **more)
+        truth = self.one.simulate(files_, seed=seed, settings=settings, effects=effects)
         return self.one.source(event=None, data=files_, satellite=self.satellite, date=self.date), truth
 
     def observed(self, source):
@@ -228,12 +229,43 @@ class Place:
             observed, self.one.information(datasets), times, [m["item"] for m in truth["manoeuvres"]], causes
         )
 
-    def verified(self, plan, flights):
-        """Errors that simulated flights of a plan achieve: mean sigma, rms of the error, of each value."""
+    def verified(self, plan, flights, causes=()):
+        """Errors that simulated flights of a plan achieve: mean sigma, rms of the error, of each value.
+
+        With causes as many more flights, and which causes a search of each tells apart.
+        """
         self.say(f"{flights} flights to check")
         found, _ = self.errors(plan, range(101, 101 + flights))
         sigma, error, _ = zip(*found.values(), strict=True)
-        return {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
+        made = {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
+        return made | ({"separated": self.separations(plan, flights, causes)} if causes else {})
+
+    def separations(self, plan, flights, causes):
+        """Rows of pairs of causes: of so many flights with one of them how many name it apart from the other.
+
+        In each flight one cause acts by turns, every parameter at its plausible size with a drawn sign, for which the
+        odds are. "falsely": the other is named without it.
+        """
+        search, rng = discover.as_calibration(self.one.name), np.random.default_rng(flights)
+        rows = {pair: [0, 0, 0] for pair in itertools.combinations(causes, 2)}
+        for k, slug in zip(range(flights), itertools.cycle(causes), strict=False):
+            self.say(f"search {k + 1} of {flights}: {slug}")
+            acts = {f"{slug}.{p.name}": float(rng.choice([-1, 1]) * p.prior_sigma) for p in effect(slug).parameters}
+            source, _ = self.flight(f"search-{k}", plan, 201 + k, effects=acts)
+            findings = search.document(search.flow(source, self.chosen))["findings"]
+            sets = [{one["cause"], *one["tied_with"]} for one in findings]
+            for pair, row in rows.items():
+                if slug in pair:
+                    (other,) = set(pair) - {slug}
+                    right = any(slug in one and other not in one for one in sets)
+                    row[:] = (
+                        row[0] + 1,
+                        row[1] + right,
+                        row[2] + (not right and any(other in one for one in sets if slug not in one)),
+                    )
+            shutil.rmtree(self.folder / f"search-{k}")
+        names = "flights", "separated", "falsely"
+        return [{"causes": list(pair)} | dict(zip(names, map(int, row), strict=True)) for pair, row in rows.items()]
 
 
 def _settled(rows, names):

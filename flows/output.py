@@ -280,7 +280,12 @@ def design(document, out, json_path):
         for a, b in zip(new["separated"], old["separated"], strict=True)
     ]
     if rows:
-        table(["told apart", "chi2, design", "odds", "chi2, published", "odds"], rows)
+        flown = (achieved or {}).get("separated", ())
+        rows = [
+            [*row, f"{one['separated']} of {one['flights']}"] for row, one in zip(rows, flown, strict=False)
+        ] or rows
+        heads = ["told apart", "chi2, design", "odds", "chi2, published", "odds"]
+        table(heads + ["told apart in flights"] * bool(flown), rows)
     if out:
         say(f"{out / 'plan.toml'}; fly it with gravcal simulate {document['calibration']} --design {out / 'plan.toml'}")
 
