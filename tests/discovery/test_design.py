@@ -183,7 +183,13 @@ def test_the_best_of_whole_sessions_is_flown(tmp_path):
 def test_a_small_library_gives_a_plan_that_is_flown(tmp_path):
     """Predicted errors are those that a flight achieves."""
     limits = flow.constraints("com_offset") | {"rods": ["x", "y"], "latitude_deg": [50.0, 80.0]}
-    made = flow.designed("com_offset", "C", "2026-03-01", minutes=9.0, limits=limits, verify=1, out=tmp_path)
+    causes = "torque.dipole_gain", "accelerometer.angular_current_leak"
+    made = flow.designed(
+        "com_offset", "C", "2026-03-01", minutes=9.0, limits=limits, causes=causes, verify=1, out=tmp_path
+    )
+    (odds,), (flown,) = made["design"]["separated"], made["verified"]["separated"]
+    assert odds["odds"] > 0.99
+    assert flown == {"causes": list(causes), "flights": 1, "separated": 1, "falsely": 0}
     plan = catalog.design(str(tmp_path / "plan.toml"))
     assert sum(one.count for one in plan.manoeuvres) == 3
     assert {one.facts["rod"] for one in plan.manoeuvres} == {"x", "y"}  # x alone leaves y open
