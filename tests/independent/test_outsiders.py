@@ -108,7 +108,7 @@ def test_drag_and_centre_of_pressure_come_back(tmp_path):
         off = series["drag_b"].values - truth["drag"]
         sigma = np.sqrt(np.einsum("nii->ni", series["covariance"].values))
         within(off.mean(0), sigma.mean(0) / np.sqrt(len(off) / 50), 0.0)  # errors of the attitude last 50 s
-        # its angular noise below 10 mHz, where all that the smoother leaves of one sensor lies, is 1.2 times the catalogue's
+        # of one sensor the smoother leaves what lies below 10 mHz, and there its noise is 1.2 times the catalogue's
         assert_allclose(np.sqrt(np.mean(off**2 / sigma**2, axis=0)), 1.0, atol=0.25 if method == "one_sensor" else 0.15)
     centre = said["centre_of_pressure_m"]
     within(centre["value"], centre["sigma"], truth["centre_of_pressure_m"])
