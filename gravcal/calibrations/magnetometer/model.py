@@ -95,21 +95,17 @@ def align(
 
 def _rate(sca_time, quaternion, time):
     """Rate (n, 3) rad s-1 in the body by the turn from one attitude to the next."""
-    turn = frames.rotation_vector(frames.quaternion_product(frames.conjugate(quaternion[:-1]), quaternion[1:]))
-    rate = turn / np.diff(sca_time)[:, None]
+    rate = frames.attitude_error(quaternion[1:], quaternion[:-1]) / np.diff(sca_time)[:, None]
     return rate[np.clip(np.searchsorted(sca_time, time, side="right") - 1, 0, len(rate) - 1)]
 
 
 def _camera_late(time, sca_time, quaternion, orbit_time, position_i, velocity_i):
     """Seconds by which attitudes are tagged late against the orbit, 0 where x of the body is not along the flight."""
-    position, velocity = (
-        np.stack([np.interp(time, orbit_time, c) for c in v.T], axis=1) for v in (position_i, velocity_i)
-    )
-    up = position / np.linalg.norm(position, axis=1, keepdims=True)
-    flight = velocity - up * np.sum(up * velocity, axis=1, keepdims=True)
-    rate = np.linalg.norm(flight, axis=1) / np.linalg.norm(position, axis=1)
+    state = np.concatenate([position_i, velocity_i], axis=1)
+    state = np.stack([np.interp(time, orbit_time, column) for column in state.T], axis=1)
+    rate = np.linalg.norm(np.cross(state[:, :3], state[:, 3:]), axis=1) / np.sum(state[:, :3] ** 2, axis=1)
     x = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))[:, 0]
-    along, above = np.sum(x * flight, axis=1) / np.linalg.norm(flight, axis=1), np.sum(x * up, axis=1)
+    above, _, along = np.matvec(frames.flight_frame(state), x).T
     sign = np.sign(np.median(along))
     return float(np.median(np.arctan2(sign * above, sign * along) / rate)) if abs(np.median(along)) > 0.5 else 0.0
 
