@@ -54,28 +54,31 @@ def write_json(document, path):
     """Write a document where it is wanted: nowhere, into a file, or to standard output."""
     if path is None:
         return
+    rows = document.get("events") if isinstance(document, dict) else None
+    whole = rows is None or isinstance(rows, list)
+    parts = [_encoded(document) + "\n"] if whole else _row_by_row(document)  # all is known before a file is opened
     if str(path) == "-":
-        sys.stdout.writelines(_text(document))
+        sys.stdout.writelines(parts)
+        sys.stdout.flush()
     else:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("w") as stream:
-                stream.writelines(_text(document))
+                stream.writelines(parts)
         except OSError as error:
             raise ProductError(f"{path}: the document cannot be written ({error.strerror}). Free its place.") from error
 
 
-def _text(document):
-    """Text of a document in parts; the rows of a campaign, which may be many, one by one."""
-    encoder = json.JSONEncoder(indent=1, allow_nan=False)
-    rows = document.get("events") if isinstance(document, dict) else None
-    if rows is None or isinstance(rows, list):
-        yield encoder.encode(document) + "\n"
-        return
-    before, after = encoder.encode(document | {"events": []}).split('"events": []')
+def _encoded(document):
+    return json.dumps(document, indent=1, allow_nan=False)
+
+
+def _row_by_row(summary):
+    """Text of the summary of a campaign in parts, for its rows may be many."""
+    before, after = _encoded(summary | {"events": []}).split('"events": []')
     yield before + '"events": ['
-    for number, row in enumerate(rows):
-        yield ("," if number else "") + "\n" + textwrap.indent(encoder.encode(row), "  ")
+    for number, row in enumerate(summary["events"]):
+        yield ("," if number else "") + "\n" + textwrap.indent(_encoded(row), "  ")
     yield "\n ]" + after + "\n"
 
 

@@ -96,11 +96,15 @@ class Search:
         own = np.arange(1, 1 + self.count)
         return np.stack([attribution.projected(one, own)[np.ix_(self.kept, self.kept)] for one in self.local(each)])
 
+    def constant(self, cause: int) -> Law:
+        """The law of a cause that is the same in all events."""
+        return Law(cause, "constant", np.ones((len(self.events), 1)), ["all"])
+
     def laws(self, cause: int) -> list[Law]:
         """Laws that a cause may follow."""
         count, names = len(self.events), [one.name for one in self.events]
         forms = -2 * np.log(self.slugs.count(self.slugs[cause]))
-        found = [Law(cause, "constant", np.ones((count, 1)), ["all"])]
+        found = [self.constant(cause)]
         if count > 3:
             cuts = -2 * np.log(count - 1)
             found += [self.ranges(cause, (k,), cuts) for k in range(2, count - 1)]
@@ -149,9 +153,8 @@ class Search:
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Products (n, c, c) of the values of some laws in each event, their priors (c,) and norms (c,)."""
         index, weight, prior = self.columns(laws)
-        made = (
-            (self.grams if grams is None else grams)[:, index[:, None], index] * weight[:, :, None] * weight[:, None, :]
-        )
+        grams = self.grams if grams is None else grams
+        made = grams[:, index[:, None], index] * weight[:, :, None] * weight[:, None, :]
         own = np.stack([one.size[self.kept][index] for one in self.events])
         return made, prior, np.sqrt(np.sum((own * weight) ** 2, axis=0))
 
@@ -207,7 +210,7 @@ class Search:
         largest, place = self.causes[cause].shared, self.places[cause][0]
         if not largest:
             return self.grams
-        total = self.products([*beside, Law(cause, "constant", np.ones((len(self.events), 1)), ["all"])])[0].sum(axis=0)
+        total = self.products([*beside, self.constant(cause)])[0].sum(axis=0)
         total = attribution.projected(total, np.arange(1, total.shape[0] - 1))
         alike = float(np.clip(total[0, -1] / max(total[-1, -1], 1e-300), -largest, largest))
         made = self.grams.copy()
@@ -218,8 +221,7 @@ class Search:
     def _judged_each(self, cause, beside):
         """The same of a cause that is different in each event, its parameters projected out there."""
         place, prior = self.places[cause], self.causes[cause].prior
-        constant = Law(cause, "constant", np.ones((len(self.events), 1)), ["all"])
-        made = self.products([*beside, constant], self._less_shared(cause, beside))[0]
+        made = self.products([*beside, self.constant(cause)], self._less_shared(cause, beside))[0]
         last, seen = np.arange(made.shape[1] - place.size, made.shape[1]), []
         for one, whole, event in zip(made, self.grams, self.events, strict=True):
             factor = attribution.spread(whole, slice(place[0], place[-1] + 1), event.size[self.kept])
@@ -342,7 +344,7 @@ class Search:
     def _apart(self, cause, others, each):
         """Values of a cause in each event by itself, and the chi-square of one value for all, beside other laws."""
         self.grams = self.projected([(law.cause, size) for law, size in each if law.scope == "each"])
-        made, _, size = self.products([*others, Law(cause, "constant", np.ones((len(self.events), 1)), ["all"])])
+        made, _, size = self.products([*others, self.constant(cause)])
         last = slice(size.size - self.places[cause].size, size.size)
         held, total = np.arange(1, last.start), made.sum(axis=0)
         value = inverse_of(total[1:, 1:]) @ total[1:, 0]
