@@ -3,6 +3,7 @@
 import importlib
 import sys
 import textwrap
+from pathlib import Path
 
 import pytest
 import seeds
@@ -12,6 +13,16 @@ from gravcal.store import keys
 
 single_threaded()  # before numpy, as every command does: two workers of pytest share two cores
 SEED = seeds.settle()
+SHARED = Path(__file__).parents[2] / "shared"
+
+
+def pytest_collection_modifyitems(items):
+    """Skip what needs a folder beside the project where it is not: measured days, or that which the mark names."""
+    for item in items:
+        for mark in item.iter_markers("measured"):
+            folder = SHARED.joinpath(*(mark.args or ("data",)))
+            if not folder.is_dir():
+                item.add_marker(pytest.mark.skip(reason=f"no folder {folder}"))
 
 
 def pytest_report_header():

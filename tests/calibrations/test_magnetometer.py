@@ -126,7 +126,6 @@ MINUTES, SECONDS = "grace-2003-09-14/binary", "gracefo-2023-06-01"
 
 
 @pytest.mark.measured
-@pytest.mark.skipif(not MEASURED.is_dir(), reason=f"no measured data at {MEASURED}")
 @pytest.mark.parametrize(("folder", "satellite"), [(MINUTES, "A"), (MINUTES, "B"), (SECONDS, "C"), (SECONDS, "D")])
 def test_minutes_of_magnetometer_name_a_bias_and_a_leak_and_no_more(folder, satellite):
     """Recovery: on 2003-09-14 both leak from the x torquer into y, 0.15 uT per A m2; what grows in 50 s is tied."""

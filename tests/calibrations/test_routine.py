@@ -16,7 +16,6 @@ CHOSEN = catalog.parameters("routine")
 DAY = "2020-03-02"
 FILES = ("ACC1A", "SCA1B", "GNV1B", "TIM1B", "CLK1B", "MAG1B", "THR1B")
 MEASURED = Path(__file__).parents[3] / "shared" / "data"
-needs_measured = pytest.mark.skipif(not MEASURED.is_dir(), reason=f"no measured data at {MEASURED}")
 
 
 def aligned(folder, letter="C", day=DAY, files=FILES, **settings):
@@ -139,7 +138,7 @@ def test_a_day_without_an_instrument_says_what_is_missing(day, tmp_path):
     assert found["instruments"]["magnetometer"]["statistics"][0]["residual_rms"] < 5e-8
 
 
-@needs_measured
+@pytest.mark.measured
 def test_seconds_of_a_measured_accelerometer_are_fitted():
     """Contract: ten seconds of GRACE-C: noise of a sample as it was measured elsewhere; no firing, so none is named."""
     records = aligned(MEASURED / "gracefo-2023-06-01", day="2023-06-01", step_s=0.1)
@@ -166,7 +165,7 @@ def test_a_search_names_in_each_part_what_is_wrong_there(day, tmp_path):
     assert "Not searched: no KBR1B or LRI1B" in page
 
 
-@pytest.mark.parametrize("measured", [False, pytest.param(True, marks=needs_measured)])
+@pytest.mark.parametrize("measured", [False, pytest.param(True, marks=pytest.mark.measured)])
 def test_a_transplant_has_a_linear_reading_only(day, tmp_path, measured):
     """Contract: ACT1A, whose angular columns are zero, gives forces (or noise) and no torque."""
     folder, when = (MEASURED / "gracefo-2023-06-01", "2023-06-01") if measured else (tmp_path, DAY)

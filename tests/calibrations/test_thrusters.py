@@ -132,7 +132,6 @@ MEASURED = Path(__file__).parents[3] / "shared" / "data"
 
 
 @pytest.mark.measured
-@pytest.mark.skipif(not MEASURED.is_dir(), reason=f"no measured data at {MEASURED}")
 def test_thruster_firings_are_named_in_a_day():
     """Recovery: GRACE-B 2014-01-15: firings first, held-out gain as large as in sample; the delay has two names."""
     document, _ = commands.run("thrusters", MEASURED / "grace-2014-01-15", discovery=True, satellite="B")

@@ -37,8 +37,6 @@ def only(said):
 @pytest.mark.measured
 def test_light_time_is_that_of_the_real_file():
     """Published: the correction of KBR1B from GNI1B of both satellites, to a nanometre."""
-    if not DATA.exists():
-        pytest.skip(f"needs {DATA}")
     names = {letter: DATA / f"GNI1B_2023-06-01_{letter}_04.txt" for letter in "CD"}
     rows = {letter: table({"files": names}, letter)[::5] for letter in "CD"}
     kbr = table({"files": {"KBR1B": DATA / "KBR1B_2023-06-01_Y_04.txt"}}, "KBR1B")[: len(rows["C"])]

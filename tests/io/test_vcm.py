@@ -77,7 +77,6 @@ def test_a_file_written_and_read_is_the_same(tmp_path):
 
 
 @pytest.mark.measured
-@pytest.mark.skipif(not MEASURED.is_dir(), reason="no ../shared/data beside the project")
 @pytest.mark.parametrize("letter", ["C", "D"])
 def test_a_measured_antenna_file_is_read_and_written_back(letter, tmp_path):
     """Published: VKB1B 2018-05-22; labels of the header are the measured file's, numbers agree to 1e-15."""

@@ -10,10 +10,7 @@ from numpy.testing import assert_allclose
 from gravcal import catalog
 
 SHARED = Path(__file__).parents[3] / "shared"
-pytestmark = [
-    pytest.mark.measured,
-    pytest.mark.skipif(not (SHARED / "reference").is_dir(), reason="no ../shared/reference beside the project"),
-]
+pytestmark = pytest.mark.measured("reference")
 OFFSET = ("dx_um", "dy_um", "dz_um"), ("dx_sigma_um", "dy_sigma_um", "dz_sigma_um")
 PER_MILLIMETRE = ["value_mm"], ["formal_error_mm"]
 VOLTAGES = ["coef_V_x1", "coef_V_x2", "coef_V_x3", "coef_V_y", "coef_V_z1", "coef_V_z2"]
