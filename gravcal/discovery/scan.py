@@ -422,18 +422,19 @@ def _slow_power(weights, series):
 def _chirps(count):
     """Places and powers of chirps of every rate; the first and the last frequency are between zero and the largest."""
     turns = 0.25 * count  # of a rate of half the band in half the time, apart by what turns the ends by a quarter
-    for step in range(-int(turns / 2), int(turns / 2) + 1):
+    for step in range(1, int(turns / 2) + 1):
         rate = 4 * step / count**2
         middle = np.arange(count) / count
-        kept = np.flatnonzero((middle > abs(rate) * count / 2) & (middle < 0.5 - abs(rate) * count / 2))
-        if step and kept.size:
+        kept = np.flatnonzero((middle > rate * count / 2) & (middle < 0.5 - rate * count / 2))
+        if kept.size:
+            kept = np.concatenate([kept, -kept])  # a falling chirp of real rows is the conjugate of a rising one
             yield partial(_chirp, count, kept, rate), partial(_chirp_power, kept, rate)
 
 
 def _chirp(count, kept, rate, index):
-    """Span and band of a chirp."""
-    middle = kept[index] / count
-    return (0, count), (middle - rate * count / 2, middle + rate * count / 2)
+    """Span and band of a chirp; it falls where its place is below zero."""
+    middle, half = abs(kept[index]) / count, np.sign(kept[index]) * rate * count / 2
+    return (0, count), (middle - half, middle + half)
 
 
 def _chirp_power(kept, rate, series):
