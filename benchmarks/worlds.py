@@ -31,6 +31,7 @@ STRONG = (15.0, 40.0)  # signal-to-noise ratios that are hidden, log-uniform
 LARGEST = 200.0  # times the first guess of a size; what needs more is not seen by these records
 ALIKE = {"roll": "swing", "second_roll": "second_swing"}  # kinds whose table is that of another
 NOT_DRAWN = ("accelerometer.offset", "ranging.phase_centre", "ranging.antenna_correction", "timing.thruster_delay")
+NOT_DRAWN += ("magnetometer.temperature_bias", "magnetometer.temperature_scale")  # of days
 FIXED = ("time", "frequency", "phase", "damping", "period")
 FIRST = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0, "period": 0.021}
 TABLE = tomllib.loads((ROOT / "benchmarks" / "worlds.toml").read_text())

@@ -13,7 +13,7 @@ page = lazy("gravcal.calibrations.magnetometer.page")
 KINDS = product.registered("magnetometer", **schemas.of("magnetometer.toml"))
 
 
-@stage(reads=["ingest"], writes="magnetometer.align", version=2)
+@stage(reads=["ingest"], writes="magnetometer.align", version=3)
 def align(observed, camera, orbit, **settings):
     """Measured and reference field in the body."""
     return model.align(observed, camera, orbit, **settings)

@@ -15,6 +15,7 @@ from gravcal.effects.base import (
     pairs,
     scaled,
     symmetric,
+    warming,
 )
 from gravcal.physics.sensing import offset_tensor
 
@@ -88,10 +89,7 @@ law("accelerometer.cross_talk", "linear_b", _SHARE, "electrode cross-talk")(
     lambda context, values: context.linear_b @ symmetric(*values)
 )
 _WARMING = axes("", "m s-2", "change from long night to long day of", 1e-9)
-# Reading that follows sunlight through a first-order lag.
-law("accelerometer.temperature", "linear_b", _WARMING, "reading against sunlight with a lag of 600 s")(
-    lambda context, values: context.extra["warmth"][:, None] * np.asarray(values)
-)
+law("accelerometer.temperature", "linear_b", _WARMING, "reading against sunlight with a lag of 600 s")(warming)
 _MODE = (
     Parameter("frequency", "Hz", "own frequency", 0.01, neutral=0.5, lower=0.0),
     Parameter("damping", "1", "damping ratio", 0.01, neutral=0.02, lower=0.0),

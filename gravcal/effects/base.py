@@ -160,6 +160,11 @@ def constant(context: Context, values) -> np.ndarray:
     return np.broadcast_to(values, (*context.time.shape, 3)).copy()
 
 
+def warming(context: Context, values) -> np.ndarray:
+    """Vector that follows sunlight through a first-order lag."""
+    return context.extra["warmth"][:, None] * np.asarray(values)
+
+
 def drifting(context: Context, values) -> np.ndarray:
     """Vector that grows from the reference epoch."""
     return (context.time - context.epoch)[:, None] * np.asarray(values)

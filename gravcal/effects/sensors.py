@@ -5,7 +5,7 @@ A delay is that of a payload against the torquer telemetry.
 
 import numpy as np
 
-from gravcal.effects.base import Laws, Parameter, axes, constant, coupled, misaligned, pairs, scaled
+from gravcal.effects.base import Laws, Parameter, axes, constant, coupled, misaligned, pairs, scaled, warming
 
 TIMING, EFFECTS = Laws(), Laws()
 _REFERENCE = "CoM paper, erratum C-10: a lag of tau scales a 12 s signal by cos(2 pi tau / 12 s)"
@@ -44,5 +44,14 @@ _STRENGTH = Parameter("strength", "T", "uniform field along the moment of the ma
 law("magnetometer.external_field", "field_b", (_STRENGTH,), "ring current, of the order of the Dst index")(
     lambda context, values: values[0] * context.extra["axis_b"]
 )
+_SUN = "Olsen 2021, doi 10.1186/s40623-021-01373-9: temperature by the Sun; here by sunlight with a lag of 600 s"
+_WARMING = axes("", "T", "change from long night to long day of", 2e-8)
+law("magnetometer.temperature_bias", "field_b", _WARMING, _SUN)(warming)
+_WARMING = axes("", "1", "relative change of the scale from long night to long day of", 5e-4)
+law("magnetometer.temperature_scale", "field_b", _WARMING, _SUN)(
+    lambda context, values: context.field_b * warming(context, values)
+)
+#: Effects that no record of minutes can show.
+OF_WARMTH = ("magnetometer.temperature_bias", "magnetometer.temperature_scale")
 #: What a magnetometer reads beside the field, each of them an effect of the instrument itself.
 OF_MAGNETOMETER = (*(e.slug for e in EFFECTS if e.slug.startswith("magnetometer.")), "timing.magnetometer_delay")

@@ -8,11 +8,11 @@ from scipy.signal import lfilter
 
 from gravcal.effects import Context, effect
 from gravcal.effects.base import symmetric
-from gravcal.effects.sensors import OF_MAGNETOMETER
+from gravcal.effects.sensors import OF_MAGNETOMETER, OF_WARMTH
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 from gravcal.simulation import flight, sensors, within
 
-#: Each parameter is drawn about nought with its plausible size times a scatter.
+#: Each parameter is drawn about nought with its plausible size times a scatter, but for those of the warmth.
 EFFECTS = OF_MAGNETOMETER
 
 
@@ -23,8 +23,10 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     drawn = {}
     for slug in EFFECTS:
         parameters = effect(slug).parameters
-        scatter = chosen.scatter * np.array([p.prior_sigma for p in parameters]) * rng.standard_normal(len(parameters))
-        drawn[slug] = scatter + effect(slug).values(given.get(slug, {}))
+        drawn[slug] = effect(slug).values(given.get(slug, {}))
+        if slug not in OF_WARMTH:
+            size = chosen.scatter * np.array([p.prior_sigma for p in parameters])
+            drawn[slug] = size * rng.standard_normal(len(parameters)) + drawn[slug]
     lack = chosen.scatter * effect("magnetometer.misalignment").parameters[0].prior_sigma * rng.standard_normal(3)
     second = np.arange(day, day + chosen.duration_s)
     state = flight.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)(second)
@@ -62,7 +64,9 @@ def _reading(tag, second, attitude, position_e, satellite, chosen, drawn, lack, 
     axis = np.matvec(R_bi, orbit_environment.dipole_axis_i(time))
     current = sensors.quantised(_currents(time, chosen, rng), satellite["torquer_current_step"])
     dipole = current * np.array(satellite["dipole_per_current"])
-    context = Context(time=time, field_b=field, dipole_b=dipole, extra={"axis_b": axis})
+    position_i = np.matvec(np.swapaxes(earth.R_ei(second), 1, 2), position_e)
+    extra = {"axis_b": axis, "warmth": orbit_environment.warmth(time, second, position_i)}
+    context = Context(time=time, field_b=field, dipole_b=dipole, extra=extra)
     read = field + sum(effect(slug).contribution(context, drawn[slug]) for slug in EFFECTS[:-1])  # the delay is in time
     keep = np.exp(-chosen.step_s / chosen.field_error_s)  # of slow errors of the reference field, a Markov process
     drive = 1e-9 * chosen.field_error_nt * np.sqrt(1 - keep**2) * rng.standard_normal((time.size + 2000, 3))

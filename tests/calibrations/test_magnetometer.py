@@ -105,6 +105,21 @@ def test_records_shifted_against_each_other_are_questionable(tmp_path, name, lat
         assert all(abs(one["delay"]["value"] + 137) < 2 * one["delay"]["sigma"] < 31 for one in found.values())
 
 
+WARMED = ("magnetometer.temperature_bias", "x", 3e-8), ("magnetometer.temperature_scale", "z", 1e-3)
+
+
+@pytest.mark.parametrize("hidden", [None, *WARMED])
+def test_temperature_is_named_alone_where_it_was_hidden_and_nowhere_else(tmp_path, hidden):
+    """Recovery: two orbits with slow errors of the reference field; within four sigma, which are a tenth or less."""
+    effects = {f"{hidden[0]}.{hidden[1]}": hidden[2]} if hidden else {}
+    CALIBRATION.simulate(tmp_path, seed=2, effects=effects, settings={"duration_s": "10800", "scatter": "0"})
+    found = {one["cause"]: one for one in commands.run("magnetometer", tmp_path, discovery=True)[0]["findings"]}
+    assert list(found) == ([hidden[0]] if hidden else [])
+    if hidden:
+        one = found[hidden[0]]["parameters"][hidden[1]]
+        assert abs(one["value"] - hidden[2]) < 4 * one["sigma"] < 0.4 * hidden[2]
+
+
 def test_parts_that_contradict_each_other_say_so():
     """Analytic: two parts of one parameter, 1 and 3 with unit variance: 2 on average, chi-square 2 of one degree."""
     chi2, dof = named_parameters.agreement(np.ones((2, 1, 1)), np.array([[1.0], [3.0]]))

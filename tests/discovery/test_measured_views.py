@@ -116,7 +116,7 @@ def field(rng, bias=0.0, leak=0.0, count=60):
     axis = np.stack([np.sin(angle), 0.1 + 0 * angle, np.cos(angle)], axis=1)
     values = {"time": time, "measured_b": measured, "model_b": model, "slope_b": slope, "dipole_b": dipole}
     values |= {"axis_b": axis / np.linalg.norm(axis, axis=1, keepdims=True), "step": 10.0}
-    values |= {"rate_b": 0 * model, "camera_late": 0.0, "attitude_jump": 0.0, "velocity_error": 0.0}
+    values |= {"rate_b": 0 * model, "warmth": 0 * time, "camera_late": 0.0, "attitude_jump": 0.0, "velocity_error": 0.0}
     return build(schemas.of("magnetometer.toml")["align"], values)
 
 

@@ -164,6 +164,8 @@ SIGNS = {
     "magnetometer.bias": ({"x": 5e-7}, [5e-7, 0, 0]),
     "magnetometer.scale": ({"z": 0.01}, [0, 0, 4e-7]),
     "magnetometer.misalignment": ({"angle_x": 0.01}, [0, 4e-7, 0]),
+    "magnetometer.temperature_bias": ({"x": 2e-8}, [1e-8, 0, 0]),  # in half of the warmth of a long day
+    "magnetometer.temperature_scale": ({"z": 1e-3}, [0, 0, 2e-8]),
     "attitude.star_camera_misalignment": ({"angle_y": 1e-4}, [0, 1e-4, 0]),
 }
 
@@ -180,7 +182,7 @@ def test_signs_are_as_stated(slug):
         "angular_b": [1e-5, 2e-5, 3e-5],
     }
     scene = Context(**{name: np.array([value]) for name, value in fields.items()})
-    extra = {"mass": 580.0, "non_gravitational_b": np.array([[1e-8, 2e-8, 3e-8]])}
+    extra = {"mass": 580.0, "non_gravitational_b": np.array([[1e-8, 2e-8, 3e-8]]), "warmth": np.array([0.5])}
     scene = replace(scene, epoch=1.0, extra=extra | {"nominal_impulse_b": np.array([[1e-4, 2e-4, 8e-4]])})
     given, expected = SIGNS[slug]
     entry = effect(slug)

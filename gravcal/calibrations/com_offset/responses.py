@@ -21,19 +21,21 @@ from gravcal.effects import Context, catalogue, effect
 from gravcal.effects.accelerometer import ringing
 from gravcal.effects.base import Effect
 from gravcal.effects.drivers import CONSTANTS, MEMORY, WAVES, Law, laws, play, products
+from gravcal.effects.sensors import OF_WARMTH
 from gravcal.estimation import least_squares
 from gravcal.estimation.records import Block, Candidate, Entry, Parameter, Shape, Wave, Wider
 from gravcal.physics import frames
 
 FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
 STEP = "accelerometer.bias_step"
-#: Baseline parameters, searched for along the time or frequency axis, or of records that are not read here.
+#: Baseline parameters, searched for along the time or frequency axis, of records that are not read here, or of days.
 NOT_HERE = (
     "accelerometer.offset",
     STEP,
     "accelerometer.stray_tone",
     "torque.thruster_firings",
     "timing.thruster_delay",
+    *OF_WARMTH,
 )
 TONES = {"linear": "accelerometer.stray_tone", "angular": "unknown:time"}
 UNITS = {"linear": "m s-2", "angular": "rad s-2"}

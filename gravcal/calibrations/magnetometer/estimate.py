@@ -1,7 +1,5 @@
 """Bias, scale, axes and leak of the torquers of a magnetometer against the reference field, and checks."""
 
-from dataclasses import replace
-
 import numpy as np
 import xarray as xr
 
@@ -12,7 +10,6 @@ from gravcal.calibrations.magnetometer.model import SCHEMAS
 from gravcal.calibrations.schemas import build
 from gravcal.effects import effect
 from gravcal.estimation import least_squares
-from gravcal.estimation.noise import fit_noise, whiten
 
 #: Groups of parameters: first part of their names and the effect; axes out of square are no effect of the catalogue
 #: and as plausible as a wrong mounting.
@@ -32,7 +29,6 @@ NAMES = {
     "delay": ("delay",),
 }
 AXES = ("scale", "misalignment", "nonorthogonality")  # of these groups, which a satellite's own fields do not reach
-SAMPLES_PER_COEFFICIENT = 100  # of the noise model; fewer give none
 ITERATIONS = 3  # of the noise by the residual of the solution with it
 
 
@@ -60,16 +56,17 @@ def estimate(
     blocks = [model.shear(field) if g == "nonorthogonality" else model.columns(field, GROUPS[g]) for g in used]
     size = np.array(sizes)
     design = np.concatenate(blocks, axis=2) * size  # in units of the plausible sizes, so that nothing is small
-    place = np.rint((field.time - field.time[0]) / float(aligned["step"])).astype(int)
-    order = min(noise_order, field.time.size // SAMPLES_PER_COEFFICIENT)
-    sigma = model.noise_level(field.difference, blocks, 1e-9 * field_noise_nt)
-    rows = [(design[:, a] / sigma[a], field.difference[:, a] / sigma[a]) for a in range(3)]
-    for _ in range(ITERATIONS if order else 0):
-        fitted = design @ _solved(rows)
-        rows = [
-            _whitened(place, design[:, a], field.difference[:, a], fitted[:, a], order, 1e-9 * field_noise_nt)
-            for a in range(3)
-        ]
+    step, floor = float(aligned["step"]), 1e-9 * field_noise_nt
+    place, both = model.placed(field.time, step), np.concatenate([design, field.difference[..., None]], axis=2)
+    noise, order = model.noise(field, step, blocks, 0, floor), 0
+    rows = _rows(noise, place, both)
+    for _ in range(ITERATIONS):
+        rest = field.difference - design @ _solved(rows)
+        noise = [model.noise_of(rest[:, a], place, noise_order, floor, size.size // 3) for a in range(3)]
+        order = noise[0].reflection.size
+        if not order:
+            break
+        rows = _rows(noise, place, both)
     fitted = design @ _solved(rows)
     group = np.arange(field.time.size) * parts // field.time.size
     groups = [group == number for number in range(parts)]
@@ -77,8 +74,7 @@ def estimate(
     right = np.stack([sum(c[g].T @ y[g] for c, y in rows) for g in groups])
     limit, starts = np.full(size.size, determined_ratio), [field.time[g][0] for g in groups]
     found = named_parameters.estimated(names, units, limit, information, right, starts, size)
-    noise = (field.difference - fitted).std(axis=0)
-    found |= {"noise": noise, "noise_order": order, "time": field.time}
+    found |= {"noise": (field.difference - fitted).std(axis=0), "noise_order": order, "time": field.time}
     return build(SCHEMAS["estimate"], found | {"residual_b": field.difference, "fitted_b": fitted})
 
 
@@ -95,17 +91,10 @@ def _solved(rows):
     return least_squares.stable_inverse(information) @ sum(c.T @ y for c, y in rows)
 
 
-def _whitened(place, design, observed, fitted, order, floor):
-    """Whitened design (n, p) and observations (n,) of one axis, by the noise that the solution left."""
-    grid = np.full(place[-1] + 1, np.nan)
-    grid[place] = observed - fitted
-    noise = fit_noise([grid], order, 1.0, design.shape[1] // 3)
-    if noise.variance[0] < floor**2:
-        noise = replace(noise, variance=noise.variance * floor**2 / noise.variance[0])
-    values = np.zeros((grid.size, design.shape[1] + 1))
-    values[place] = np.column_stack([design, observed])
-    rows = whiten(noise, values, np.isfinite(grid))[place]
-    return rows[:, :-1], rows[:, -1]
+def _rows(noise, place, values):
+    """Whitened design (n, p) and observations (n,) of each axis, from both (n, 3, p + 1)."""
+    rows = [model.whitened(one, place, values[:, axis]) for axis, one in enumerate(noise)]
+    return [(one[:, :-1], one[:, -1]) for one in rows]
 
 
 def check(
@@ -156,7 +145,8 @@ def check(
     ratio = beyond / [size[name] for name in known["parameter"].values]
     largest = np.max(ratio, where=np.isfinite(ratio), initial=0.0)
     delay = dict(zip(map(str, found["parameter"].values), found["value"].values, strict=True)).get("delay", 0.0)
-    lag = max(abs(float(np.nan_to_num(delay))), abs(model.late(aligned).get("timing.magnetometer_delay", (0.0,))[0]))
+    apart_s = model.late(aligned, camera_limit_s, delay_limit_s).get("timing.magnetometer_delay", (0.0,))[0]
+    lag = max(abs(float(np.nan_to_num(delay))), abs(apart_s))
     made.append(at_most("tags of the attitude", abs(float(aligned["camera_late"])), camera_limit_s, "s"))
     made.append(at_most("tags of the magnetometer", lag, delay_limit_s, "s"))
     made.append(at_most("scale or axes over their plausible size", largest, plausible_limit, "1"))

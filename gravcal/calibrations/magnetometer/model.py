@@ -1,6 +1,6 @@
 """Records of a magnetometer beside the reference field, and what the parameters of the instrument make of it."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -10,9 +10,10 @@ from gravcal.calibrations import checks, schemas
 from gravcal.calibrations.align import QUATERNION, usable
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
-from gravcal.effects.sensors import OF_MAGNETOMETER
+from gravcal.effects.sensors import OF_MAGNETOMETER, OF_WARMTH
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
+from gravcal.estimation.noise import NoiseModel, fit_noise, unwhiten, whiten
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 SCHEMAS = schemas.of("magnetometer.toml")
@@ -21,9 +22,10 @@ LEAST = 20  # records
 DENSE_S = 10.0  # s, longest spacing of an orbit of which velocity and change of position can be compared to 1 mm s-1
 #: Effects that a comparison of two fields can show.
 EFFECTS = (*OF_MAGNETOMETER[:-1], "attitude.star_camera_misalignment", OF_MAGNETOMETER[-1])
-CAMERA_S = 60.0  # attitude and orbit are that far apart: 0.07 rad; GRACE's x is turned by 0.017 rad from the flight
+WARMS = 0.1  # rms of the warmth about a straight line, below which it is a bias or a drift of minutes
 APART_S, LONG_S = 600, 3600.0  # longest lag that is looked for; shortest record in which a field has no other like it
-LATE_S, CLEARLY = 10, 4.0  # seconds that are no lag, and times the squares that a lag has to explain
+CLEARLY = 4.0  # times the squares that a lag has to explain
+SAMPLES_PER_COEFFICIENT = 100  # of the noise model; fewer give none
 
 
 @dataclass(frozen=True)
@@ -37,6 +39,7 @@ class Field:
     slope_b: np.ndarray  #: (n, 3) T s-1, rate of the modelled field in the body
     dipole_b: np.ndarray  #: (n, 3) A m2, of the torquers
     axis_b: np.ndarray  #: (n, 3) unit vector along the moment of the main field
+    warmth: np.ndarray  #: (n,) 1, sunlight with a lag
 
     @property
     def difference(self) -> np.ndarray:
@@ -84,6 +87,7 @@ def align(
         "slope_b": slope,
         "dipole_b": values[:, 3:] * np.asarray(dipole_per_current),
         "axis_b": axis,
+        "warmth": orbit_environment.warmth(time, orbit_time, inertial[0]),
         "rate_b": _rate(sca_time, quaternion, time),
         "camera_late": _camera_late(time, sca_time, quaternion, orbit_time, *inertial),
         "step": np.median(np.diff(time)),
@@ -110,10 +114,11 @@ def _camera_late(time, sca_time, quaternion, orbit_time, position_i, velocity_i)
     return float(np.median(np.arctan2(sign * above, sign * along) / rate)) if abs(np.median(along)) > 0.5 else 0.0
 
 
-def late(aligned: xr.Dataset) -> dict[str, tuple[float, np.ndarray]]:
+def late(aligned: xr.Dataset, camera_limit_s: float, delay_limit_s: float) -> dict[str, tuple[float, np.ndarray]]:
     """Seconds by which tags are far off, and what that does to the difference (n, 3) T of the fields, by cause.
 
-    Attitudes against the orbit; then the magnetometer against both, in whole seconds, with a bias free.
+    Attitudes against the orbit; then the magnetometer against both, in whole seconds, with a bias free. What is within
+    the limits is no lag.
 
     Notes
     -----
@@ -122,7 +127,7 @@ def late(aligned: xr.Dataset) -> dict[str, tuple[float, np.ndarray]]:
     """
     one, found = field(aligned), {}
     model, camera = one.model_b, float(aligned["camera_late"])
-    if abs(camera) > CAMERA_S:
+    if abs(camera) > camera_limit_s:
         turn = frames.R_bi_from_quaternion(frames.from_rotation_vector(camera * aligned["rate_b"].values))
         model = np.matvec(turn, model)
         found["timing.star_camera_delay"] = camera, model - one.model_b
@@ -133,7 +138,7 @@ def late(aligned: xr.Dataset) -> dict[str, tuple[float, np.ndarray]]:
         before = lambda time: np.stack([np.interp(time, one.time, c) for c in model.T], axis=1)  # noqa: E731
         left = [np.var(one.measured_b[inner] - before(one.time[inner] - d), axis=0).sum() for d in lag]
         best = int(lag[np.argmin(left)])
-        if abs(best) > LATE_S and CLEARLY * min(left) < left[APART_S]:
+        if abs(best) > delay_limit_s and CLEARLY * min(left) < left[APART_S]:
             found["timing.magnetometer_delay"] = float(best), before(one.time - best) - model
     return found
 
@@ -153,8 +158,14 @@ def _body_field(orbit_time, position_e, sca_time, quaternion, generation):
 
 def field(aligned: xr.Dataset) -> Field:
     """Field of a product as arrays; `aligned` is "magnetometer.align"."""
-    names = ("time", "measured_b", "model_b", "slope_b", "dipole_b", "axis_b")
+    names = ("time", "measured_b", "model_b", "slope_b", "dipole_b", "axis_b", "warmth")
     return Field(*(aligned[name].values for name in names))
+
+
+def causes(field: Field) -> tuple[str, ...]:
+    """Those of EFFECTS that a record can tell from a bias and a drift: warmth where night and day change it."""
+    rest = field.warmth - np.polynomial.Polynomial.fit(field.time, field.warmth, 1)(field.time)
+    return tuple(slug for slug in EFFECTS if slug not in OF_WARMTH or rest.std() > WARMS)
 
 
 def columns(field: Field, slug: str) -> np.ndarray:
@@ -165,7 +176,8 @@ def columns(field: Field, slug: str) -> np.ndarray:
     field : Field
     slug : of EFFECTS
     """
-    context = Context(time=field.time, field_b=field.model_b, dipole_b=field.dipole_b, extra={"axis_b": field.axis_b})
+    extra = {"axis_b": field.axis_b, "warmth": field.warmth}
+    context = Context(time=field.time, field_b=field.model_b, dipole_b=field.dipole_b, extra=extra)
     if slug == "timing.magnetometer_delay":
         return -field.slope_b[..., None]  # a late tag belongs to an earlier field
     if slug == "attitude.star_camera_misalignment":
@@ -188,21 +200,55 @@ def shear(field: Field) -> np.ndarray:
     )
 
 
-def noise_level(difference: np.ndarray, columns: list[np.ndarray], floor: float) -> np.ndarray:
-    """Standard deviation (3,) T of each axis about everything that any of the columns could do there.
+def noise(field: Field, step: float, columns: list[np.ndarray], order: int, floor: float) -> list[NoiseModel]:
+    """Noise of each axis about everything that any of the columns could do there.
 
-    Minutes of data have no quiet part of their own: the level is that of the residual of the widest model, so that it
+    Minutes of data have no quiet part of their own: the noise is that of the residual of the widest model, so that it
     is the same under every hypothesis; never below a floor.
 
     Parameters
     ----------
-    difference : (n, 3) T
+    field : Field
+    step : s, spacing of the records
     columns : (n, 3, q) of each effect
-    floor : T
+    order : coefficients, fewer in a short record
+    floor : T, smallest standard deviation of a record
     """
-    sigma = np.zeros(3)
+    place, found = placed(field.time, step), []
     for axis in range(3):
         basis = least_squares.orthonormal(np.concatenate([c[:, axis] for c in columns], axis=1))
-        rest = least_squares.without(basis, difference[:, axis])
-        sigma[axis] = np.sqrt(rest @ rest / max(rest.size - basis.shape[1], 1))
-    return np.maximum(sigma, floor)
+        rest = least_squares.without(basis, field.difference[:, axis])
+        found.append(noise_of(rest, place, order, floor, basis.shape[1]))
+    return found
+
+
+def placed(time: np.ndarray, step: float) -> np.ndarray:
+    """Places (n,) of records at times (n,) s on a grid of this step."""
+    return np.rint((time - time[0]) / step).astype(int)
+
+
+def noise_of(rest: np.ndarray, place: np.ndarray, order: int, floor: float, removed: int) -> NoiseModel:
+    """Noise model of a residual (n,) T of a fit of so many parameters, never below a floor T."""
+    grid = np.full(place[-1] + 1, np.nan)
+    grid[place] = rest
+    found = fit_noise([grid], min(order, rest.size // SAMPLES_PER_COEFFICIENT), 1.0, removed)
+    if found.variance[0] < floor**2:
+        least = max(found.variance[0], 1e-6 * floor**2)
+        return replace(found, variance=np.maximum(found.variance * floor**2 / least, 1e-6 * floor**2))
+    return found
+
+
+def whitened(noise: NoiseModel, place: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Whitened rows (n, q) of values (n, q) T on one axis."""
+    return _turned(whiten, noise, place, values)
+
+
+def coloured(noise: NoiseModel, place: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Values (n, q) T of which these (n, q) are the whitened rows."""
+    return _turned(unwhiten, noise, place, rows)
+
+
+def _turned(turn, noise, place, values):
+    grid, valid = np.zeros((place[-1] + 1, values.shape[1])), np.zeros(place[-1] + 1, dtype=bool)
+    grid[place], valid[place] = values, True
+    return turn(noise, grid, valid)[place]

@@ -1,11 +1,12 @@
 """Magnetometer against the reference field as discovery sees it: parts of the record that are left out in turn.
 
 No parameter is free in the baseline: on minutes of data the parameters of the instrument are themselves among the
-causes that are tried, and only what the data support is named.
+causes that are tried, and only what the data support is named. Noise is white in minutes; an hour shows its colour.
 """
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -15,31 +16,44 @@ import xarray as xr
 from gravcal.calibrations.causes import listed
 from gravcal.calibrations.magnetometer import model
 from gravcal.effects import effect
+from gravcal.estimation.noise import NoiseModel
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, Reported
 
 #: Errors s of tags that are far off: 0.017 rad by which x of the body may be off the flight, 5 mrad of mounting.
 FAR = {"timing.star_camera_delay": 15.0, "timing.magnetometer_delay": 5.0}
 
 
-def observe(products: Mapping[str, xr.Dataset], *, blocks: int, field_noise_nt: float) -> Readings:
+def observe(
+    products: Mapping[str, xr.Dataset],
+    *,
+    blocks: int,
+    noise_order: int,
+    field_noise_nt: float,
+    camera_limit_s: float,
+    delay_limit_s: float,
+) -> Readings:
     """Observations of one record.
 
     Parameters
     ----------
     products : "align" of magnetometer
     blocks : parts of the record
+    noise_order : coefficients of the noise model of each axis, in a record of an hour or more
     field_noise_nt : nT, smallest standard deviation of a record
+    camera_limit_s, delay_limit_s : s, tags that are no lag, of attitudes against the orbit and of readings
     """
-    field = model.field(products["align"])
-    columns = {slug: model.columns(field, slug) for slug in model.EFFECTS}
+    aligned = products["align"]
+    field, step = model.field(aligned), float(aligned["step"])
+    columns = {slug: model.columns(field, slug) for slug in model.causes(field)}
     drift = (field.time - (field.time[0] + field.time[-1]) / 2)[:, None, None] * np.eye(3)
-    late = model.late(products["align"])
+    late = model.late(aligned, camera_limit_s, delay_limit_s)
     free = [*columns.values(), drift, *(moved[..., None] for _, moved in late.values())]
-    sigma = model.noise_level(field.difference, free, 1e-9 * field_noise_nt)
+    order = noise_order if np.ptp(field.time) > model.LONG_S else 0
+    noise = model.noise(field, step, free, order, 1e-9 * field_noise_nt)
     parts, columns = np.array_split(np.arange(field.time.size), blocks), columns | {"unknown:time": drift}
     if late:  # nothing else is looked for beside what is not there
         columns = {cause: (moved / delay)[..., None] for cause, (delay, moved) in late.items()}
-    return Readings(products["align"], field, sigma, parts, columns, {cause: one[0] for cause, one in late.items()})
+    return Readings(aligned, field, noise, parts, columns, {cause: one[0] for cause, one in late.items()})
 
 
 @dataclass(frozen=True)
@@ -48,7 +62,7 @@ class Readings(Observations):
 
     aligned: xr.Dataset  #: "magnetometer.align"
     field: model.Field
-    sigma: np.ndarray  #: (3,) T, noise of each axis
+    noise: list[NoiseModel]  #: of each axis, T
     parts: list[np.ndarray]  #: rows of each block
     columns: dict[str, np.ndarray]  #: {cause: (n, 3, q) T}
     late: dict[str, float]  #: s, tags that are far off
@@ -59,28 +73,38 @@ class Readings(Observations):
     unit, scale, start = "T", np.zeros(0), np.zeros(0)
     step = "unknown:step"
 
-    def _rows(self, values):
-        """Whitened rows (3 n, q) of (n, 3, q) T, axis after axis."""
-        return np.concatenate([values[:, a] / self.sigma[a] for a in range(3)])
-
     @property
+    def noise_order(self) -> dict[str, int]:
+        """Coefficients of the noise model."""
+        return {"magnetometer": self.noise[0].reflection.size}
+
+    def _place(self, part):
+        """Places of the records of a part on its grid."""
+        return model.placed(self.field.time[part], float(self.aligned["step"]))
+
+    def _rows(self, values, part):
+        """Whitened rows (3 n, q) of (n, 3, q) T of a part, axis after axis."""
+        place = self._place(part)
+        return np.concatenate([model.whitened(one, place, values[part, a]) for a, one in enumerate(self.noise)])
+
+    @functools.cached_property
     def blocks(self) -> list[Block]:
         """One block a part of the record; nothing is fitted in it."""
         made = []
         for rows in self.parts:
-            observed = self._rows(self.field.difference[rows][..., None])[:, 0]
+            observed = self._rows(self.field.difference[..., None], rows)[:, 0]
             begin, end = self.field.time[rows[[0, -1]]] - self.field.time[0]
             nothing, channel = np.zeros((observed.size, 0)), np.array(["magnetometer"] * observed.size)
             axis, time = np.repeat([0, 1, 2], rows.size), np.tile(self.field.time[rows], 3)
             made.append(Block(f"{begin:.0f} to {end:.0f} s", observed, nothing, nothing, channel, axis, time))
         return made
 
-    @property
+    @functools.cached_property
     def candidates(self) -> list[Candidate]:
         """Effects of a comparison of two fields, and a drift with time."""
         made = []
         for cause, values in self.columns.items():
-            columns = [self._rows(values[rows]) for rows in self.parts]
+            columns = [self._rows(values, rows) for rows in self.parts]
             if cause.startswith("unknown:"):
                 made.append(Candidate(cause, "drift", list("xyz"), ["T s-1"] * 3, columns))
             else:
@@ -105,14 +129,17 @@ class Readings(Observations):
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
         """Time, reference field (m, 3) T of a part, and rows (q, m, 3) T."""
         part = self.parts[number]
-        columns = rows.reshape(3, part.size, -1) * self.sigma[:, None, None]
-        return self.field.time[part], self.field.model_b[part], columns.transpose(2, 1, 0)
+        columns = [
+            model.coloured(noise, self._place(part), one)
+            for noise, one in zip(self.noise, rows.reshape(3, part.size, -1), strict=True)
+        ]
+        return self.field.time[part], self.field.model_b[part], np.stack(columns).transpose(2, 1, 0)
 
 
 NOTE = (
     "The record is looked at in parts that are left out in turn, with nothing free beforehand: bias, scale, "
-    "mounting and leak are themselves among the causes. The level of the noise is that of the residual with every "
-    "cause in the model; it is known to some 10 %. The calibration has all its parameters free, so that nothing "
-    "found here changes it."
+    "mounting and leak are themselves among the causes. The noise is that of the residual with every cause in the "
+    "model: white in minutes, its level known to some 10 %, autoregressive in an hour or more. The calibration has all "
+    "of them free but for the temperature, so that nothing else found here changes it."
 )
 REPORT = Reported(note=NOTE)
