@@ -21,7 +21,7 @@ def align(*observed, **settings):
     return science.align(*observed, **settings)
 
 
-@stage(reads=["routine.align"], writes="routine.estimate", version=2)
+@stage(reads=["routine.align"], writes="routine.estimate", version=3)
 def estimate(aligned, **settings):
     """What firings, torquers and turns make of the readings."""
     return science.estimate(aligned, **settings)

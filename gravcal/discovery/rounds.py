@@ -153,7 +153,7 @@ def _best(problem, used, rows, choice):
     problem, everything = trials.sparse(problem, baseline_of(problem, used), rows, choice)
     rows = [t for t in everything if t.significance < choice.level]
     problem, rows = shaping.sized(problem, baseline_of(problem, used), rows)
-    ranked = _ranked(problem, baseline_of(problem, used), rows, choice.tie)
+    ranked = _ranked(problem, used, rows, choice)
     if ranked and ranked[0].kind == "unknown":
         pair = trials.best_pair(problem, baseline_of(problem, used), everything, choice)
         if pair and pair[1] > ranked[0].score - choice.tie:
@@ -175,9 +175,9 @@ def _best(problem, used, rows, choice):
     return problem, None
 
 
-def _ranked(problem, baseline, rows, tie):
+def _ranked(problem, used, rows, choice):
     """Best first; a listed cause goes before one in no list that is not clearly better, time alone after all others."""
-    rows = sorted(rows, key=lambda t: -t.score)
+    rows, tie = sorted(rows, key=lambda t: -t.score), choice.tie
     if rows and rows[0].cause == TIME:  # what was measured says why, time says when
         near = [t for t in rows if t.score > rows[0].score - tie / 2 and t.cause != TIME and t.kind == "unknown"]
         rows = [*near, *(t for t in rows if t not in near)]
@@ -186,23 +186,42 @@ def _ranked(problem, baseline, rows, tie):
     if not near:
         return rows
     close = near[0].score > rows[0].score - tie / 2
-    gram = None if close else attribution.projected(problem.total, baseline)
-    if close or any(_stands(problem, gram, t, rows[0], tie) for t in near):
+    if close or any(_stands(problem, used, t, rows[0], choice) for t in near):
         return listed + [t for t in rows if t.cause.startswith("unknown:")]
     return rows
 
 
-def _stands(problem, gram, trial, best, tie):
+def _stands(problem, used, trial, best, choice):
     """Whether a cause may be true though one in no list gained more: Cox's test of models that are not nested.
 
     If it is true, the other loses the chi-square by which they are apart, with twice its root as standard deviation.
     """
     if trial.index < 0 or best.index < 0:
         return False
+    if _needless(problem, used, trial.index, best.index, choice):
+        return True
+    gram, tie = attribution.projected(problem.total, baseline_of(problem, used)), choice.tie
     place, other = problem.places[trial.index], problem.places[best.index]
     value = attribution.ratio(gram, place, problem.size).value
     apart = max(attribution.misfit(gram, place, value, other, problem.size), 0.0)
     return best.score - trial.score < 2 * np.sqrt(tie * apart) - apart
+
+
+def _needless(problem, used, index, wider, choice):
+    """Whether a driver in no list holds all of a cause, and beside it its other parameters would not be named.
+
+    What the wider of two nested models leaves of the narrower is zero whatever is true: only its further gain speaks.
+    """
+
+    def beside(one, other):
+        gram = attribution.projected(problem.total, baseline_of(problem, [*used, one]))
+        return attribution.gained(gram, problem.places[other], problem.size)[:2]
+
+    if problem.candidates[wider].listed or beside(wider, index)[1]:
+        return False
+    gain, more = beside(index, wider)
+    times = sum(not one.listed for one in problem.candidates) / trials.SHARES["unknown"]
+    return more > 0 and chi2_tail.log_tail(gain, more, choice.freedom) + np.log(times) >= np.log(choice.level)
 
 
 def _revised(problem, chosen, choice):
@@ -233,6 +252,7 @@ def _finding(problem, chosen, position, choice):
     ratio = attribution.ratio(gram, problem.places[index], problem.size)
     gain, kind = trials.held_out(problem, baseline, index, choice.segment_s)
     near = _near(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
+    near = {n: one for n, one in near.items() if not _needless(problem, others, index, one[1], choice)}
     tied = {cause: k for cause, (_, k) in near.items() if problem.candidates[k].listed}
     apart = [attribution.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
     wide = [
@@ -242,7 +262,8 @@ def _finding(problem, chosen, position, choice):
     names, units, value, sigma = _parameters(problem, beside, index)
     numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
     words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}
-    alike = _as_good(problem, gram, index, ratio, choice.tie) | near if candidate.listed else {}
+    alike = _as_good(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
+    alike = {n: one for n, one in alike.items() if not _needless(problem, others, index, one[1], choice)} | near
     words |= {"kind": kind, "separation": apart, "imitators": _imitators(problem, alike)}
     where = trial if np.isfinite(trial.at) else candidate  # that was made of the trial that located it
     return Finding(**words, **numbers, value=value, sigma=sigma, index=index, at=where.at, at_sigma=where.at_sigma)
@@ -538,10 +559,10 @@ def _given_way(problem, chosen, position, choice, least):
     others = [k for i, (k, _) in enumerate(chosen) if i != position]
     rows = trials.tried(problem, baseline_of(problem, others), choice, others)
     rows = [t for t in rows if t.kind == "unknown" and t.significance < choice.level and t.score > least]
-    if not rows:
-        return chosen
-    best = max(rows, key=lambda t: t.score)
-    return [*chosen[:position], (best.index, best), *chosen[position + 1 :]]
+    for best in sorted(rows, key=lambda t: -t.score):
+        if not _needless(problem, others, chosen[position][0], best.index, choice):
+            return [*chosen[:position], (best.index, best), *chosen[position + 1 :]]
+    return chosen
 
 
 def _agreed(problem, others, index):

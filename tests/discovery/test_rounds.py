@@ -123,6 +123,25 @@ def test_a_listed_cause_is_tied_with_a_driver_that_chance_lets_describe_the_data
     assert found.imitators[0]["expected_chi2"] > CHOICE.tie
 
 
+@pytest.mark.parametrize(("further", "named"), [(28.0, "case.a"), (60.0, "unknown:pairs")])
+def test_a_driver_that_holds_a_listed_cause_is_named_by_what_it_gains_beside_it(further, named):
+    """Recovery: 15 parameters more gain 28 (p = 2 %) or 60 (4e-7) where power is left; the driver is no tie."""
+    rng = np.random.default_rng(5)
+    blocks, (first, *_) = made(rng, signal=60.0)
+    blocks = [replace(b, observed=b.observed * (1 + 2.0 * (k == 3) * (b.time < 100))) for k, b in enumerate(blocks)]
+    fixed = np.zeros((1200, 10))
+    for k, (block, column) in enumerate(zip(blocks, first.columns, strict=True)):
+        here = slice(300 * k, 300 * k + 300)
+        fixed[here, 2 * k : 2 * k + 2], fixed[here, 8:] = block.local_columns, np.hstack([block.global_columns, column])
+    rest, more = without(np.concatenate([b.observed for b in blocks]), fixed), rng.standard_normal((1200, 15))
+    more = np.linalg.qr(without(more, np.column_stack([fixed, rest])))[0]
+    more[:, 0] += np.sqrt(further / (rest @ rest) / (rest @ rest - further)) * rest
+    columns = [np.hstack([c, m]) for c, m in zip(first.columns, np.split(more, 4), strict=True)]
+    wide = Candidate("unknown:pairs", "", [f"p{k}" for k in range(16)], ["1"] * 16, columns)
+    (found,) = search(blocks, [first, wide], replace(CHOICE, excess=False), rng).findings
+    assert (found.cause, found.imitators) == (named, [])
+
+
 @pytest.mark.parametrize(("sizes", "steps"), [((9.0, 9.3, -9.1), 0), ((9.0, 18.0, -27.0), 3)])
 def test_steps_of_one_size_are_one_signal_between_two_levels(sizes, steps):
     """Recovery: three breaks in blocks with origins of their own; of one size one excess, else three breaks."""

@@ -248,6 +248,7 @@ def estimate(
         moved = float(scaled[36] * size[36])
         amplitude = np.concatenate([(scaled * size)[k : k + 18].reshape(6, 3) for k in (0, 18)], axis=1)
         amplitude[:, 3:] += 0.0 if observed[:, 3:].any() else aligned["nominal_b"].values  # of a transplant
+        amplitude[:, :3] -= np.cross(amplitude[:, 3:], (scaled * size)[-3:])  # the offset may undo most of a force
         value = np.where(np.arange(size.size) == 36, 0.0, scaled * size)
         delay += moved
     names = ["_".join(filter(None, (one.word, name))) for one in known for name in one.names]
