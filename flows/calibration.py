@@ -145,6 +145,9 @@ class Calibration:
     #: in place of `library` where manoeuvres are not chosen one by one: limits, s -> whole sessions, as lists of tables
     sessions: Callable | None = None
     limits: Mapping[str, tuple] = field(default_factory=dict)  #: {limit of a design: usual value, what it is}
+    noise: tuple[str, ...] = ()  #: products of an event from which its noise is known, and
+    #: settings of the simulation, of the calibration, these products -> those settings that hold the noise
+    measured_noise: Callable | None = None
     foretold: Callable | None = None  #: document -> values whose errors a design makes small
     truth: Callable | None = None  #: truth of a simulation -> true values of these
     schema: Path | None = None  #: JSON Schema of the result document, None if it ships with gravcal under the name

@@ -5,6 +5,7 @@ whole sessions are flown, and that with the least errors is chosen (`sessions`).
 """
 
 import itertools
+import re
 import shutil
 import tempfile
 from datetime import datetime
@@ -16,10 +17,12 @@ from flows import calibration as calibrations
 from flows import discover, output
 from flows.engine import other_store
 from gravcal import catalog, toml
+from gravcal.browse import store_index, timeline
 from gravcal.discovery import design
 from gravcal.effects import effect
 from gravcal.errors import GravcalError, refuse
-from gravcal.store import configurations
+from gravcal.store import configurations, store
+from gravcal.store.product import MEASURED
 from tasks import discovery
 from tasks.stage import read
 
@@ -60,8 +63,9 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
         effect(slug)  # raises where there is none
     usual = sum(m.count * m.duration_s for m in catalog.design(one.design).manoeuvres) / 60
     chosen = configurations.chosen(name, {})
+    noise = noise_of(one, satellite, chosen)
     with tempfile.TemporaryDirectory(prefix="gravcal-design-") as folder, other_store(str(Path(folder) / "store")):
-        place = Place(one, Path(folder), satellite, date, limits, chosen, say)
+        place = Place(one, Path(folder), satellite, date, limits, chosen, say, noise["settings"])
         plan, new, old = (
             place.of_library(minutes or usual, causes) if one.library else place.best(minutes or usual, causes)
         )
@@ -71,6 +75,7 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
             "date": date,
             "minutes": sum(table["count"] * table["duration_s"] for table in plan) / 60,
             "constraints": limits,
+            "noise": noise,
             "manoeuvres": plan,
             "design": new,
             "published": old,
@@ -80,9 +85,31 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
             document["verified"] = place.verified(plan, verify, causes)
     if out:
         Path(out).mkdir(parents=True, exist_ok=True)
-        (Path(out) / "plan.toml").write_text(plan_text(name, plan, f"gravcal design, {satellite} {date}"))
+        (Path(out) / "plan.toml").write_text(
+            plan_text(name, plan, f"gravcal design, {satellite} {date}, noise of {noise['of']}")
+        )
         output.write_json(document, Path(out) / "design.json")
     return document
+
+
+def noise_of(one, satellite, chosen):
+    """Noise of the last event of a satellite in the store, {"of": words, "settings": of the simulation}.
+
+    Measured events come before invented ones; where no event has quiet data it is that of the catalogue.
+    """
+    found, letters = [], one.pairs.get(satellite, satellite)
+    for link, folder in store.links(f"*/{one.noise[0]}") if one.noise else ():
+        event = link.parent.name
+        if set(timeline.letters_of(event)) & set(letters):
+            origin = store_index.origin(folder / "product.nc")
+            found.append((origin == MEASURED, re.search(r"\d{4}-.*|$", event).group(), event, origin))
+    usual = catalog.parameters(f"simulate_{one.name}")
+    for *_, event, origin in sorted(found, reverse=True):
+        records = [store.newest_record(event, stage) for stage in one.noise]
+        settings = all(records) and one.measured_noise(usual, chosen, *(read(store.find(r["key"])) for r in records))
+        if settings:
+            return {"of": f"{event} ({origin})", "settings": settings}
+    return {"of": "the catalogue", "settings": {}}
 
 
 def plan_text(calibration, plan, source):
@@ -93,9 +120,9 @@ def plan_text(calibration, plan, source):
 class Place:
     """Where sessions are flown: a calibration, a folder, and what all flights share."""
 
-    def __init__(self, one, folder, satellite, date, limits, chosen, say):
+    def __init__(self, one, folder, satellite, date, limits, chosen, say, noise=None):
         self.one, self.folder, self.satellite, self.date = one, folder, satellite, date
-        self.limits, self.chosen, self.say = limits, chosen, say
+        self.limits, self.chosen, self.say, self.noise = limits, chosen, say, noise or {}
 
     def of_library(self, minutes, causes):
         """Plan of the best manoeuvres of a library, and errors and odds of it and of the published session."""
@@ -138,27 +165,28 @@ class Place:
             refuse("parameters", ", ".join(names), f"of {', '.join(old)}", "Correct the constraint.")
         size = {name: sigma for name, (sigma, *_) in old.items() if name in names and sigma}
 
-        def loss(errors):
+        def loss(errors, size):
             return sum(((errors[name][0] or np.inf) / size[name]) ** 2 for name in size)
 
-        losses, wanted = [], design.needed(self.limits["probability"], self.tied)
+        tried, wanted = [], design.needed(self.limits["probability"], self.tied)
         for number, plan in enumerate(plans, start=1):
             self.say(f"session {number} of {len(plans)}")
             try:
-                errors, apart = self.errors(plan, (1,), causes)
-                losses.append(np.log(loss(errors)) + design.short(apart, wanted))
+                tried.append((plan, *self.errors(plan, (1,), causes)))
             except GravcalError as error:  # such as one in which nothing is detected
                 self.say(f"left out: {error}")
-                losses.append(np.inf)
-        if not np.min(losses) < np.inf:
+        least = {name: min((e[name][0] for _, e, _ in tried if e[name][0]), default=None) for name in names - set(size)}
+        sizes = size | {name: sigma for name, sigma in least.items() if sigma}  # the published one does not say these
+        losses = [np.log(loss(errors, sizes)) + design.short(apart, wanted) for _, errors, apart in tried]
+        if not min(losses, default=np.inf) < np.inf:
             found = f"{len(plans)} sessions of {minutes} minutes, none of which tells all"
             refuse(f"design {self.one.name}", found, "one that does", "Give more time or loosen a constraint.")
-        plan = plans[int(np.argmin(losses))]
+        plan = tried[int(np.argmin(losses))][0]
         new, after = self.errors(plan, later, causes, known=names)
         say = lambda one, apart: {  # noqa: E731
             "sigma": {name: sigma for name, (sigma, *_) in one.items()},
             "unit": {name: unit for name, (*_, unit) in one.items()},
-            "trace": loss(one),
+            "trace": loss(one, size),
             "separated": _odds(apart, self.tied),
         }
         return plan, say(new, after), say(old, before)
@@ -201,7 +229,7 @@ class Place:
             named.write_text(plan_text(self.one.name, plan, label))
         known = catalog.parameters(f"simulate_{self.one.name}").entries
         settings = {"satellite": self.satellite, "satellites": self.satellite, "quiet_s": self.limits.get("quiet_s")}
-        settings |= {f"manoeuvre_{limit}": value for limit, value in self.limits.items()} | more
+        settings |= {f"manoeuvre_{limit}": value for limit, value in self.limits.items()} | self.noise | more
         settings = {name: value for name, value in settings.items() if name in known and value is not None}
         return settings | {"design": str(named), "date": self.date}
 

@@ -275,9 +275,11 @@ def design(document, out, json_path):
         pairs = zip(rows, achieved["sigma"], achieved["error_rms"], strict=True)
         rows = [[*row, digits(sigma), digits(error)] for row, sigma, error in pairs]
     table(heads, rows)
-    less = 100 * (1 - new["trace"] / old["trace"])
-    said = "not less than that of" if less < 0.5 else f"{less:.0f} % below"
-    say(f"trace of the covariance: {said} the published session")
+    if old["trace"]:  # it says something of what is asked for
+        less = 100 * (1 - new["trace"] / old["trace"])
+        said = "not less than that of" if less < 0.5 else f"{less:.0f} % below"
+        say(f"trace of the covariance: {said} the published session")
+    say(f"noise, of flights too: that of {document['noise']['of']}")
     rows = [
         [" and ".join(a["causes"]), f"{a['chi2']:.3g}", f"{a['odds']:.0%}", f"{b['chi2']:.3g}", f"{b['odds']:.0%}"]
         for a, b in zip(new["separated"], old["separated"], strict=True)

@@ -39,7 +39,7 @@ def points(calibration) -> list[Point]:
     for row, one in _values(calibration):
         mood = "questionable" if row["document"]["status"] == "questionable" else row["mood"]
         mood = mood if row["origin"] == "measured" else row["origin"]
-        place = one.satellite or _letters(row["event"]), one.name, one.unit.replace("um", "µm")
+        place = one.satellite or letters_of(row["event"]), one.name, one.unit.replace("um", "µm")
         date, sigma = _date(row["document"], row["event"]), one.sigma_total or one.sigma
         found.append(Point(*place, date, one.value, sigma, row["event"], mood, row["said"]))
     return sorted(found, key=lambda point: (point.date, point.event))
@@ -62,7 +62,7 @@ def delivered(calibrations, link) -> list[dict]:
         files = {"report": "report.html", "document": "result.json", "product": "product.nc"}
         there = {"product.nc", *row["report"].record["files"]}
         links = {kind: link(row["report"], name) if name in there else "" for kind, name in files.items()}
-        where = (row["event"], row["calibration"], one.satellite or _letters(row["event"]))
+        where = (row["event"], row["calibration"], one.satellite or letters_of(row["event"]))
         when = _date(row["document"], row["event"]).date().isoformat()
         what = (one.name, one.value, one.sigma, one.sigma_total, one.unit, row["said"], *links.values())
         rows.append(dict(zip(CATALOGUE, (*where, when, row["origin"], row["document"]["status"], *what), strict=True)))
@@ -115,7 +115,7 @@ def trims(satellite: str):
         return ()
 
 
-def _letters(event):
+def letters_of(event):
     """Letters of the satellites in the name of an event; a satellite named in full gives its own."""
     parts = event.split("-")
     known = (catalog.satellite(name) for name in catalog.names("satellites"))

@@ -8,6 +8,7 @@ import numpy as np
 from gravcal import catalog
 from gravcal.effects import effect
 from gravcal.errors import CatalogError, refuse
+from gravcal.estimation.resampling import lowpass_resampler
 from gravcal.physics import constants, dynamics, earth, frames, gravity
 from gravcal.simulation import added as contributed
 from gravcal.simulation import flight, of_channels, sensors, within
@@ -294,3 +295,26 @@ def library(limits: Mapping) -> list[dict]:
             fixed = {name: limits[name] for name in ("duration_s", "period_s", "current_ma")}
             made.append({"kind": kind, **fixed, "rod": rod, "latitude_deg": [middle - 5.0, middle + 5.0]})
     return made
+
+
+def measured_noise(usual, known, measured) -> dict:
+    """Settings with the noise of the linear channels as "com_offset.noise" has it, {} where it has none.
+
+    From 0.05 Hz to the low-pass the densities are those measured before it, beyond as many times those of the usual
+    settings as at the ends. Of angular channels, star cameras and magnetometer a calibration measures no noise.
+    """
+    if measured.attrs["source_of_noise"] != "quiet data":
+        return {}
+    time, node = np.arange(-400, 401) / 100, np.array(usual.noise_frequency_hz)
+    seen = node[(node >= 0.05) & (node <= known.lowpass_hz)]
+    filters = {"lowpass_hz": known.lowpass_hz, "half_width_s": known.half_width_s}
+    gain = lowpass_resampler(time, np.ones(time.size, bool), np.zeros(1), **filters)(
+        np.cos(2 * np.pi * time[:, None] * seen)
+    )[0]
+    found = {}
+    for axis, density in zip("xyz", measured["density"].values, strict=True):
+        before = np.array(getattr(usual, f"linear_noise_{axis}"))
+        there = np.sqrt(np.interp(seen, measured["frequency"].values, density)) / gain
+        share = np.interp(node, seen, there / np.interp(seen, node, before))
+        found[f"linear_noise_{axis}"] = (before * share).tolist()
+    return found

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 import numba
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
+from scipy.optimize import nnls
 from scipy.signal import lfilter
 
 from gravcal import catalog
@@ -148,6 +149,22 @@ def sessions(limits: Mapping, seconds: float) -> list[list[dict]]:
             rates = [rate * (axis in axes) for axis, rate in zip("xyz", rates, strict=True)]
             plans.append([how | {"axes_period_s": periods, "axes_rate_rad_s": rates}])
     return plans
+
+
+def measured_noise(_usual, _known, scaled, moved) -> dict:
+    """Settings with the noise of star trackers, voltages and parasitic forces of a swing ("scale" and "offset").
+
+    Every readout holds the noise of its voltages, the linear ones that of the forces over their scale factor too.
+    """
+    density = np.concatenate([moved["noise_density"].values, scaled["voltage_density"].values])
+    k = scaled["k"].values[int(scaled["chosen_arm"])]
+    parts = np.stack([np.sum(electrodes.READOUT**2, axis=1), np.append(1 / k**2, np.zeros(3))], axis=1)
+    shares = parts / density[:, None] ** 2
+    size = np.linalg.norm(shares, axis=0)
+    volts, force = np.sqrt(nnls(shares / size, np.ones(6))[0] / size)
+    tracker = np.sqrt(np.mean(scaled["tracker_sigma"].values ** 2))
+    found = {"voltage_noise_v_rthz": volts, "acceleration_noise_m_s2_rthz": force, "tracker_noise_rad": tracker}
+    return {name: float(value) for name, value in found.items()}
 
 
 def draw(satellite: Mapping, chosen, rng) -> Truth:

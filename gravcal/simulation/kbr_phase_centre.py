@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 from scipy.interpolate import make_interp_spline
+from scipy.optimize import curve_fit
 
 from gravcal import catalog
 from gravcal.effects import Context
@@ -18,6 +19,7 @@ from gravcal.simulation import added, flight, of_channels, sensors, within
 
 BREAK_GAP = 36.0  # s on either side of a phase break that the filter cannot bridge
 EDGE = 70.0  # s flown before and after the day, for the filters
+MILLI_HZ = (2.0, 60.0)  # where the noise of the range is that of orbit and ranging, no polynomial and no filter
 
 
 #: Settings that are as on 2014-01-15, GRACE RL02.
@@ -134,6 +136,34 @@ def sessions(limits: Mapping, seconds: float) -> list[list[dict]]:
         tables = zip(kinds, angles, strict=True)
         plans.append([{"kind": kind, "count": 4 // len(kinds)} | fixed | angle for kind, angle in tables])
     return plans
+
+
+def measured_noise(usual, _known, measured) -> dict:
+    """Settings with the noise of orbit, ranging and star cameras of "kbr_phase_centre.noise", {} without quiet data.
+
+    A power law and a white part are fitted to the spectrum of the range, with its covariance. Star cameras have the
+    density that they have at the usual period.
+    """
+    if measured.attrs["source_data"] != "quiet":
+        return {}
+    knot = 1e3 * measured["knot"].values
+    used = (knot > MILLI_HZ[0]) & (knot < MILLI_HZ[1])
+
+    def log_density(f, orbit, slope, white):  # the errors of two orbits
+        return np.logaddexp(np.log(2) + 2 * (orbit - slope * np.log(f)), 2 * white)
+
+    start = [np.log(0.0035), 2.2, np.log(1e-6)]
+    fitted, _ = curve_fit(
+        log_density,
+        knot[used],
+        measured["log_density"].values[used],
+        start,
+        measured["log_covariance"].values[np.ix_(used, used)],
+    )
+    power = measured["pointing_power"].values[measured["corner"].values > 1 / usual.period_s].sum()
+    found = {"orbit_red_m": np.exp(fitted[0]), "orbit_red_slope": fitted[1], "ranging_noise_m": np.exp(fitted[2])}
+    found |= {"star_camera_white_rad": np.sqrt(power / 2), "noise_scale": 1.0}
+    return {name: float(value) for name, value in found.items()}
 
 
 def _paths(chosen, day, rng):

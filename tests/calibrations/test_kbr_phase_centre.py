@@ -117,6 +117,12 @@ def test_noise_as_on_a_measured_day_leaves_tenths_of_a_millimetre():
     sigma = sigma_mm(products.combined)
     assert np.abs((estimate_mm(products) - truth) / sigma).max() < 4.5
     assert 0.03 < sigma[1, [1, 2, 4, 5]].min() < sigma[1, [1, 2, 4, 5]].max() < 0.3
+    # and the noise that a design takes from it is that of the simulation; quiet star cameras add to the white part
+    usual = catalog.parameters("simulate_kbr_phase_centre")
+    found = simulation.measured_noise(usual, None, products.noise)
+    share = {name: value / getattr(usual, name) for name, value in found.items()}
+    assert share["ranging_noise_m"] == pytest.approx(1.3, abs=0.3)
+    assert list(share.values()) == pytest.approx(len(share) * [1.0], abs=0.15), share
 
 
 def test_phase_breaks_within_wiggles_do_no_harm():

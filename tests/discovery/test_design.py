@@ -11,12 +11,14 @@ import pytest
 
 from flows import calibration
 from flows import design as flow
+from flows.engine import other_store
 from gravcal import catalog
 from gravcal.discovery import design
 from gravcal.errors import GravcalError
 from gravcal.estimation.records import Block, Candidate
 from gravcal.simulation import com_offset, kbr_phase_centre
 from gravcal.simulation import flight as flight_of
+from gravcal.store import configurations
 
 
 def flight(information, columns=None, prior=1.0):
@@ -91,10 +93,16 @@ def test_constraints_are_named_and_a_calibration_without_library_is_refused(tmp_
         flight_of.windows("two to four")
     path.write_text("parameters = ['x']\n")
     ranging = calibration.load("kbr_phase_centre")
-    place = flow.Place(ranging, None, "CD", "", flow.constraints(ranging.name, path), None, print)
+    place = flow.Place(
+        ranging, None, "CD", "", flow.constraints(ranging.name, path), configurations.chosen(ranging.name, {}), print
+    )
     place.errors = lambda *_, **__: ({"C x": (1.0, 1.0, "mm"), "C y": (1.0, 1.0, "mm")}, {})
     with pytest.raises(GravcalError, match="of C x, C y"):
         place.best(1.0, ())
+    place.limits["parameters"], plans = ["C x"], ranging.sessions(place.limits, 6e3)
+    known = lambda plan: (float(plans.index(plan)) or None) if plan in plans else None  # noqa: E731
+    place.errors = lambda plan, *_, **__: ({"C x": (known(plan), 1.0, "mm"), "C y": (1.0, 1.0, "mm")}, {})
+    assert place.best(100.0, ())[0] == plans[1]  # the least error of those that tell what the published one does not
 
 
 def test_a_wiggle_turns_as_its_plan_says_and_within_the_limits(tmp_path):
@@ -170,7 +178,21 @@ def test_causes_of_a_whole_session_are_told_apart_beside_all_that_is_fitted():
 def test_the_best_of_whole_sessions_is_flown(tmp_path):
     """Of two swings; predicted errors are those that flights achieve."""
     limits = flow.constraints("inertial_sensor") | {"period_s": [27.5], "parameters": ["k y"]}
+    one, chosen = calibration.load("inertial_sensor"), configurations.chosen("inertial_sensor", {})
+    usual = catalog.parameters("simulate_inertial_sensor")
+    louder = {
+        n: 1.5 * getattr(usual, n)
+        for n in ("voltage_noise_v_rthz", "acceleration_noise_m_s2_rthz", "tracker_noise_rad")
+    }
+    for day, settings in (("2022-05-17", {}), ("2022-05-18", louder)):
+        one.simulate(tmp_path / day, seed=5, settings=settings | {"date": day, "design": one.design})
+        one.flow(one.source(event=None, data=tmp_path / day, satellite="T", date=day), chosen)
     made = flow.designed("inertial_sensor", "T", "2026-03-01", limits=limits, verify=2, out=tmp_path)
+    assert made["noise"]["of"] == "taiji-t-2022-05-18 (simulated)"
+    assert {n: v / louder[n] for n, v in made["noise"]["settings"].items()} == pytest.approx(
+        dict.fromkeys(louder, 1), abs=0.1
+    )
+    assert "noise of taiji-t-2022-05-18" in (tmp_path / "plan.toml").read_text()
     (swing,) = catalog.design(str(tmp_path / "plan.toml")).manoeuvres
     driven = np.array(swing.facts["axes_rate_rad_s"])
     assert (driven > 0).tolist() == [True, True, False]  # a_x = w'_y p_z gives p_z, a_y = -w'_x p_z then k_y
@@ -178,6 +200,24 @@ def test_the_best_of_whole_sessions_is_flown(tmp_path):
     place = list(made["design"]["sigma"]).index("k y")
     assert made["verified"]["sigma"][place] == pytest.approx(made["design"]["sigma"]["k y"], rel=0.25)
     assert made["verified"]["error_rms"][place] < 4 * made["verified"]["sigma"][place]
+
+
+def test_errors_of_a_design_grow_with_the_noise_of_the_last_event(tmp_path):
+    """Three times as large in a processed day, three times as large the errors, in flights too."""
+    one, chosen = calibration.load("com_offset"), configurations.chosen("com_offset", {})
+    one.simulate(tmp_path / "day", seed=5, settings={"noise_scale": 3.0, "manoeuvres": ["pitch_high", "roll_high"]})
+    one.flow(one.source(event=None, data=tmp_path / "day", satellite="C", date=None), chosen)
+    noise, sigma = flow.noise_of(one, "C", chosen), []
+    assert noise["of"] == "grace-c-2020-03-01 (simulated)"
+    assert flow.noise_of(one, "D", chosen)["of"] == "the catalogue"
+    limits = flow.constraints(one.name) | {"rods": ["x", "y"], "latitude_deg": [60.0, 80.0]}
+    tables = [table | {"count": 1} for table in one.library(limits)]
+    for settings in ({}, noise["settings"]):
+        about = tmp_path, "C", "2026-03-01", limits, chosen, print, settings
+        with other_store(str(tmp_path / "other")):
+            flown = flow.Place(one, *about).flown("flight", tables, 7, ())
+        sigma.append(np.sqrt(np.diag(design.covariance(flown, np.ones(2, int)))))
+    assert sigma[1] == pytest.approx(3 * sigma[0], rel=0.05)
 
 
 def test_a_small_library_gives_a_plan_that_is_flown(tmp_path):
@@ -194,6 +234,7 @@ def test_a_small_library_gives_a_plan_that_is_flown(tmp_path):
     assert sum(one.count for one in plan.manoeuvres) == 3
     assert {one.facts["rod"] for one in plan.manoeuvres} == {"x", "y"}  # x alone leaves y open
     assert json.loads((tmp_path / "design.json").read_text()) == made
+    assert made["noise"] == {"of": "the catalogue", "settings": {}}
     predicted = np.array(list(made["design"]["sigma"].values()))
     assert np.array(made["verified"]["sigma"]) == pytest.approx(predicted, rel=0.35)  # another orbit
     assert np.all(np.abs(made["verified"]["error_rms"]) < 4 * np.array(made["verified"]["sigma"]) + 10)
