@@ -9,6 +9,9 @@ separation is the root of the chi-square expected between them in all events, th
 separated if the set that is named, with what is tied with it, holds the true cause and not the other; falsely if it
 holds the other and not the true one.
 
+`--sort motion` takes no days: offsets of `--runs` series of 6 and of 20 events that walk or stand, with a trim and
+without, one event left out of each.
+
 With `--world open` or `second` the days are those of the forward models beside the project, or of the simulator of the
 tests: `--events` (20) in five years, one effect that is the same in all of them at a signal-to-noise ratio near 5 in
 one event, an offset with slope, walk and a trim. The series of `--sort NAME,NAME` (of `HIDDEN`, or all) are flown by C
@@ -259,6 +262,42 @@ def recovery(world, rng, runs) -> list[Figure]:
     return recovered(score)
 
 
+def motion(options) -> list[Figure]:
+    """Offset at a date left out of drawn series: error over sigma with walks of every size, and with none."""
+    rng, runs, pooled = np.random.default_rng(options.seed), options.runs or 200, {}
+    heads = [f"{trims} trim, {words}" for trims in ("no", "a") for words in ("rms", "within sigma")]
+    table = [("events", "walk, um in a root of a year", *heads)]
+    for count in (6, 20):
+        for walk in (0, 1, 3, 6, 20):
+            cells = []
+            for trim in (False, True):
+                score = np.array([_left_out(rng, count, walk, trim) for _ in range(runs)])
+                cells += [f"{np.sqrt(np.mean(score**2)):.2f}", f"{np.mean(np.abs(score) < 1):.0%}"]
+                for name in (f"{'with a' if walk else 'without'} walk", *["with a trim"] * trim):
+                    pooled.setdefault((count, name), []).extend(score)
+            table.append((str(count), str(walk), *cells))
+    grid(table)
+    rms = {key: float(np.sqrt(np.mean(np.square(score)))) for key, score in pooled.items()}
+    return [
+        Figure(f"error over sigma, {n} events {name}", f"{v:.2f}", "", "0.90 to 1.10", bool(0.9 <= v <= 1.1))
+        for (n, name), v in rms.items()
+    ]
+
+
+def _left_out(rng, count, walk, trim):
+    """Error over sigma of an offset with errors of 2 um in five years, at the date of one event that is left out."""
+    times = np.sort(rng.uniform(0, 5 * YEAR_S, count))
+    offset = 100 + rng.normal(0, 10) * times / YEAR_S
+    offset += np.cumsum(walk * np.sqrt(np.diff(times, prepend=times[0]) / YEAR_S) * rng.standard_normal(count))
+    trims = [rng.uniform(1, 4) * YEAR_S] if trim else []
+    offset -= 113 * sum(times > at for at in trims)
+    out = int(rng.integers(1, count - 1))
+    kept = np.arange(count) != out
+    value = (offset + 2 * rng.standard_normal(count))[kept]
+    mean, sigma = moving(times[kept], value, 4 * np.eye(count - 1), trims).predicted(times[out : out + 1])
+    return (mean[0] - offset[out]) / sigma[0]
+
+
 def foretold(events, times, at, offset, trims):
     """Error over sigma (3,) of the offset um at a time, of events at others; trims along x are known."""
     found, score = science.Search(events, LEVEL, TIE, ROUNDS).run(), []
@@ -350,6 +389,9 @@ def run(options) -> list[Figure]:
     if world in HIDDEN:
         title(f"joint search in the {world} world, {options.sort}, seed {options.seed}")
         return show(other_hands(folder, options, world))
+    if options.sort == "motion":
+        title(f"offsets at dates left out, seed {options.seed}")
+        return show(motion(options))
     runs, rng = options.runs or (4 if options.quick else 30), np.random.default_rng(options.seed)
     drawn = World(evidence(folder), options.events or 20)
     title(f"joint search, {drawn.count} events, seed {options.seed}")

@@ -88,7 +88,7 @@ def evidence(*products, calibration, observations, names, settings):  # noqa: AR
     return evidence_science.evidence(observed, *products[len(names) :])
 
 
-@stage(reads=["*.evidence"], writes="{calibration}.joint", version=3)
+@stage(reads=["*.evidence"], writes="{calibration}.joint", version=4)
 def joint(*products, calibration, event, satellite, events, history, settings, **limits):
     """Causes that many events share, the calibration's values in each, and how they move; with page and model."""
     found = joint_science.Search(evidence_science.events_of(products, events), *(limits[name] for name in LIMITS[:3]))

@@ -13,8 +13,12 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 
 YEAR_S = 365.25 * 86400
-WALKS = np.append(0.0, np.geomspace(0.01, 3.0, 12))  # of the spread, in a root of a year
+WALKS, SMALLEST = 12, 0.3  # sizes of the walk; the least, between two events, in median errors
 SCATTERS = np.append(0.0, np.geomspace(0.3, 10.0, 6))  # of the median error
+#: How likely it is before that nothing walks, and that nothing scatters beyond the stated errors. A walk of the size of
+#: an error is not told from none, so that sigma is too large without it or too small beside it: with 0.3 by about the
+#: same factor either way (`python -m benchmarks joint --sort motion`).
+STILL, HONEST = 0.3, 0.9
 FOUND = 9.0  # twice the log evidence, beyond the price of where it is, from which a step is taken for one
 
 
@@ -27,7 +31,7 @@ class Moving:
     covariance: np.ndarray  #: (n, n) of the values
     steps: Sequence[float]  #: (k,) s, epochs of steps
     found: Sequence[float]  #: those of them that were found
-    scale: float  #: spread that steps, slope and walk are compared with
+    scale: float  #: spread that steps and slope are compared with
     weights: np.ndarray  #: (w, s) of each size of walk and scatter
     follows: Mapping[str, np.ndarray]  #: (n,) quantities of the events that it follows, f of them
     score: float = 0.0  #: twice the logarithm of the evidence
@@ -55,14 +59,26 @@ class Moving:
         first = self.time[0]
         away = np.abs(one - first)[:, None] + np.abs(other - first) - np.abs(one[:, None] - other)
         basis = (self.basis(one) * self.prior**2) @ self.basis(other).T
-        return basis + (walk * self.scale) ** 2 * away / (2 * YEAR_S)
+        return basis + walk**2 * away / (2 * YEAR_S)
+
+    @property
+    def error(self) -> float:
+        """Median error of the values."""
+        return float(np.median(np.sqrt(np.diag(self.covariance))))
+
+    @property
+    def walks(self) -> np.ndarray:
+        """Sizes of the walk in a root of a year: none, then from below the error to thrice the spread between steps."""
+        parts = np.split(self.value, np.searchsorted(self.time, np.sort(self.steps)))
+        spread = max(3 * self.error, *(np.ptp(part) for part in parts if part.size))
+        years = np.median(np.diff(self.time)) / YEAR_S
+        return np.append(0.0, np.geomspace(SMALLEST * self.error, 3 * spread, WALKS) / np.sqrt(years))
 
     def options(self):
         """(weight, walk, covariance (n, n) of the values) of each size that matters."""
-        error = np.median(np.sqrt(np.diag(self.covariance)))
-        for (i, walk), (k, scatter) in itertools.product(enumerate(WALKS), enumerate(SCATTERS)):
+        for (i, walk), (k, scatter) in itertools.product(enumerate(self.walks), enumerate(SCATTERS)):
             if self.weights[i, k] > 1e-4:
-                noise = self.covariance + (scatter * error) ** 2 * np.eye(self.time.size)
+                noise = self.covariance + (scatter * self.error) ** 2 * np.eye(self.time.size)
                 yield self.weights[i, k], walk, self.kernel(self.time, self.time, walk) + noise
 
     def predicted(self, time: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -136,10 +152,11 @@ def _stepped(one, epochs):
 def _weighed(time, value, covariance, about):
     """Motion with the evidence of each size of walk and scatter."""
     steps, found, scale, follows = about
-    count = WALKS.size, SCATTERS.size
-    one = Moving(time, value, covariance, steps, found, scale, np.ones(count), follows)
+    odds = (np.append(p, np.full(n, (1 - p) / n)) for p, n in ((STILL, WALKS), (HONEST, SCATTERS.size - 1)))
+    prior = np.outer(*odds)
+    one = Moving(time, value, covariance, steps, found, scale, np.ones(prior.shape), follows)
     score = [-np.linalg.slogdet(inner)[1] - value @ np.linalg.solve(inner, value) for _, _, inner in one.options()]
-    score = np.reshape(score, count)
+    score = np.reshape(score, prior.shape) + 2 * np.log(prior)
     weights = np.exp((score - score.max()) / 2)
     total = score.max() + 2 * np.log(weights.sum())
     return replace(one, weights=weights / weights.sum(), score=float(total))

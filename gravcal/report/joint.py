@@ -166,7 +166,7 @@ def _motion(one: Moving, trims, name, fuel):
         {"date": day(at), "value": v, "sigma": s, "found": at in one.found, "printed": printed.get(at, {}).get("size")}
         for at, v, s in zip(one.steps, value[2:first].tolist(), sigma[2:first].tolist(), strict=True)
     ]
-    walk = float(np.sqrt(sum(w * (q * one.scale) ** 2 for w, q, _ in one.options())))
+    walk = float(np.sqrt(sum(w * q**2 for w, q, _ in one.options())))
     return {
         "slope_per_year": {"value": float(value[1]), "sigma": float(sigma[1])},
         "steps": steps,
