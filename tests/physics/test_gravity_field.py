@@ -1,4 +1,4 @@
-"""Full-degree gravity: closed forms, an independent evaluation, poles."""
+"""Gravity and its gradient: closed forms, an independent evaluation, poles."""
 
 from decimal import Decimal, getcontext
 
@@ -33,7 +33,7 @@ def random_field(degree, seed=0):
 
 @pytest.mark.parametrize("place", PLACES)
 def test_point_mass_and_flattening_agree_with_their_closed_form(place):
-    """Analytic: degrees 0 and 2 against gravity.py, which writes the tensor out."""
+    """Analytic: degrees 0 and 2 against the tensor that is written out."""
     cosine = np.diag([1.0, 0.0, 0.0])
     cosine[1, 1], cosine[2, 0] = 0.0, -J2 / np.sqrt(5)
     field = gravity.Field(GM, R, cosine, np.zeros((3, 3)))
@@ -155,10 +155,19 @@ def test_field_errors_scatter_as_their_covariance_says():
     assert_allclose(np.mean((drawn[:, 1, 1] - drawn[:, 2, 2]) ** 2) / 4, tt, rtol=0.1)
 
 
+def test_the_pole_can_be_tilted():
+    """Analytic: turning position and pole together turns the tensor."""
+    turn, position = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]]), np.array([3e6, -4e6, 4.5e6])
+    turned = gravity.gradient_i(turn @ position, pole_i=turn @ [0, 0, 1.0])
+    assert_allclose(turned, gravity.rotate_tensor(turn, gravity.gradient_i(position)), atol=1e-20)
+
+
 def test_positions_in_kilometres_and_too_high_a_degree_are_refused():
     """Contract: the most likely mistake is named; beyond LIMIT the recursion would overflow."""
     with pytest.raises(GravcalError, match="positions in metres"):
         gravity.gradient_e(random_field(3), [6870.0, 0, 0])
+    with pytest.raises(GravcalError, match="metres"):
+        gravity.gradient_i([7000.0, 0, 0])
     zeros = np.zeros((gravity.LIMIT + 2, gravity.LIMIT + 2))
     with pytest.raises(GravcalError, match="truncated"):
         gravity.gradient_e(gravity.Field(GM, R, zeros, zeros), [6.87e6, 0, 0])

@@ -29,16 +29,23 @@ def cartesian(theta_deg, phi_deg, radius):
 @pytest.mark.parametrize("generation", [13, 14])
 @pytest.mark.parametrize("year", [1905, 1995, 2015, 2020])
 def test_the_field_equals_ppigrf(generation, year):
-    """Analytic: another implementation at 300 points, on 1 January where calendars agree; 1e-9 nT, rounding."""
+    """Analytic: another implementation at 300 points, on 1 January where calendars agree; 1e-9 nT, rounding.
+
+    It has no poles: they are compared with a place 1 cm beside them, where the field differs by 2e-4 nT.
+    """
     ppigrf = pytest.importorskip("ppigrf")
     rng = np.random.default_rng(year)
     theta, phi = np.degrees(np.arccos(rng.uniform(-1, 1, 300))), rng.uniform(-180, 360, 300)
+    theta[:2] = 1e-7, 180 - 1e-7
     date = datetime(year, 1, 1)
     file = str(magnetic.coefficient_file(generation))
     reference = np.stack([b.ravel() for b in ppigrf.igrf_gc(6870.0, theta, phi, date, coeff_fn=file)], axis=-1)
     expected = physics_references.spherical_to_cartesian(reference, theta, phi)
     time = np.full(300, (date - ORIGIN).total_seconds())
-    assert_allclose(magnetic.field_e(time, cartesian(theta, phi, 6870e3), generation) * 1e9, expected, atol=1e-9)
+    found = magnetic.field_e(time, cartesian(theta, phi, 6870e3), generation) * 1e9
+    assert_allclose(found[2:], expected[2:], atol=1e-9)
+    poles = magnetic.field_e(time[:2], np.array([[0, 0, 6870e3], [0, 0, -6870e3]]), generation) * 1e9
+    assert_allclose(poles, expected[:2], atol=5e-4)
 
 
 def test_the_field_between_epochs_is_linear_in_the_decimal_year():
@@ -57,39 +64,6 @@ def test_a_decimal_year_is_the_share_of_its_own_days():
     """Analytic: the middle of 366 days is 2 July 0 h, that of 365 days 2 July 12 h."""
     middle = np.array([gps_seconds(2016, 7, 2), gps_seconds(2017, 7, 2, 12)])
     assert_allclose(magnetic.decimal_year(middle), [2016.5, 2017.5], rtol=0, atol=1e-12)
-
-
-def plain_sum(year, position, generation):
-    """The potential by scipy's Legendre functions of each degree, and its slope by central differences over 2 km."""
-    from scipy.special import lpmv
-
-    epochs, g, h = magnetic.gauss_coefficients(generation)
-    k = np.searchsorted(epochs, year, side="right") - 1
-    f = (year - epochs[k]) / (epochs[k + 1] - epochs[k])
-    g, h = g[k] + f * (g[k + 1] - g[k]), h[k] + f * (h[k + 1] - h[k])
-
-    def potential(p):
-        r = np.linalg.norm(p)
-        total = 0.0
-        for n in range(1, 14):
-            for m in range(n + 1):
-                factor = np.sqrt((2 - (m == 0)) * np.prod(1.0 / np.arange(n - m + 1, n + m + 1)))
-                legendre = (-1) ** m * lpmv(m, n, p[2] / r) * factor  # lpmv has the Condon-Shortley phase
-                phi = np.arctan2(p[1], p[0])
-                total += (6371.2e3 / r) ** (n + 1) * (g[n, m] * np.cos(m * phi) + h[n, m] * np.sin(m * phi)) * legendre
-        return 6371.2e3 * total
-
-    step = 1000 * np.eye(3)
-    return -np.array([potential(position + s) - potential(position - s) for s in step]) / 2000
-
-
-@pytest.mark.parametrize("place", [(0, 0, 6.87e6), (0, 0, -6.87e6), (6.87e6, 0, 0), (0, 6.5e6, 0), (-3e6, 2e6, 5e6)])
-def test_the_field_is_the_slope_of_the_potential_even_at_the_poles(place):
-    """Analytic: scipy's Legendre functions in the middle of an interval; 0.02 nT, differences over 2 km."""
-    position = np.array(place, float)
-    expected = plain_sum(2017.25, position, 13)
-    time = gps_seconds(2017, 1, 1) + 0.25 * 365 * 86400
-    assert_allclose(magnetic.field_e(time, position[None], 13)[0] * 1e9, expected, atol=0.02)
 
 
 def test_the_coefficients_are_the_published_ones():

@@ -11,7 +11,6 @@ from numpy.testing import assert_allclose
 from gravcal import catalog
 from gravcal.errors import CatalogError
 from gravcal.io import fetch
-from gravcal.physics import sensing
 
 ROOT = Path(__file__).parents[2]
 RNG_LEVEL = 1e-5  # of all its draws, see seeds.py: a direction that hides what is looked for
@@ -48,18 +47,6 @@ def test_every_erratum_has_a_test():
     named = {word for word in known if re.search(rf"\b{word}\b", text)}
     assert len(known) == 47
     assert named == known
-
-
-def test_the_left_side_is_the_force_that_holds_the_mass(rng):
-    """C-1 and T-2: a mass held at p feels f = (M - G) p with p from CoM to mass, d = -p, opposite to a free mass."""
-    w, wd = rng.normal(size=(2, 3)) * np.array([[1e-3], [1e-5]])
-    G = MU / 7e6**3 * np.diag([2.0, -1, -1])
-    p, r, s = rng.normal(size=3), np.array([7e6, 0, 0]), 1.0
-    inertial = lambda t: turned(_exp(w * t + wd * t * t / 2)) @ p  # noqa: E731 - rotation from b to i
-    held = (inertial(s) - 2 * inertial(0.0) + inertial(-s)) / s**2
-    pull = MU * (r / 7e6**3 - (r + p) / np.linalg.norm(r + p) ** 3)
-    assert_allclose(sensing.offset_tensor(w, wd, G) @ p, held - pull, rtol=1e-3, atol=1e-9)
-    assert_allclose(sensing.offset_tensor(w, wd, G), cross(wd) + cross(w) @ cross(w) - G, atol=1e-18)
 
 
 def _exp(angle):
