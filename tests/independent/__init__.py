@@ -6,7 +6,6 @@ Times inside are seconds of the day of the event (GPS), vectors are SRF unless a
 """
 
 from . import damage
-from .catalogue import EFFECTS
 from .event import make_event
 
-__all__ = ["EFFECTS", "damage", "make_event"]
+__all__ = ["damage", "make_event"]

@@ -1,6 +1,6 @@
 """Rigid body with magnetic, gravity-gradient and given torques: fixed-step RK4 on a grid that holds every break."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numba import njit
@@ -12,12 +12,11 @@ class Body:
 
     inertia: np.ndarray
     dipole: np.ndarray  # (3, 3) A m2 per mA, column = rod
-    residual_dipole: np.ndarray = field(default_factory=lambda: np.zeros(3))
     lag: float = 0.0  # s, of the dipole behind the current
 
     def parts(self):
         """The tuple that `propagate` takes."""
-        return (self.inertia, np.linalg.inv(self.inertia)), (self.dipole, self.residual_dipole), self.lag
+        return (self.inertia, np.linalg.inv(self.inertia)), self.dipole, self.lag
 
 
 @njit(cache=True)
@@ -73,14 +72,14 @@ def wanted_rate_dot(q, w, reference, gains):
 
 
 @njit(cache=True)
-def rate_dot(q, w, moment, env, extra, solid, reference, gains):
+def rate_dot(q, w, moment, env, solid, reference, gains):
     """Angular acceleration; env rows: field (inertial), gradient (3 rows, inertial), smooth torque (body).
 
     With gains a controller without delay holds the reference.
     """
     inertia, inverse = solid
     torque = add(cross(moment, rotate(q, env[0], -1.0)), gravity_torque(q, inertia, env[1:4]), 1.0)
-    torque = add(add(torque, env[4], 1.0), extra, 1.0)
+    torque = add(torque, env[4], 1.0)
     if gains[0] > 0:
         torque = add(torque, times(inertia, wanted_rate_dot(q, w, reference, gains)), 1.0)
     return times(inverse, add(torque, cross(w, times(inertia, w)), -1.0))
@@ -101,16 +100,16 @@ def moved(q, rate, step):
 
 
 @njit(cache=True)
-def runge_kutta(q, w, h, moments, envs, extra, solid, control):
+def runge_kutta(q, w, h, moments, envs, solid, control):
     """One classical step; moments, environments and references at start, middle, end; normalised quaternion."""
     ref, gains = control
-    a1, b1 = attitude_rate(q, w), rate_dot(q, w, moments[0], envs[0], extra, solid, ref[0], gains)
+    a1, b1 = attitude_rate(q, w), rate_dot(q, w, moments[0], envs[0], solid, ref[0], gains)
     q2, w2 = moved(q, a1, h / 2), add(w, b1, h / 2)
-    a2, b2 = attitude_rate(q2, w2), rate_dot(q2, w2, moments[1], envs[1], extra, solid, ref[1], gains)
+    a2, b2 = attitude_rate(q2, w2), rate_dot(q2, w2, moments[1], envs[1], solid, ref[1], gains)
     q3, w3 = moved(q, a2, h / 2), add(w, b2, h / 2)
-    a3, b3 = attitude_rate(q3, w3), rate_dot(q3, w3, moments[1], envs[1], extra, solid, ref[1], gains)
+    a3, b3 = attitude_rate(q3, w3), rate_dot(q3, w3, moments[1], envs[1], solid, ref[1], gains)
     q4, w4 = moved(q, a3, h), add(w, b3, h)
-    a4, b4 = attitude_rate(q4, w4), rate_dot(q4, w4, moments[2], envs[2], extra, solid, ref[2], gains)
+    a4, b4 = attitude_rate(q4, w4), rate_dot(q4, w4, moments[2], envs[2], solid, ref[2], gains)
     q = moved(moved(q, a1, h / 6), a4, h / 6)
     q = moved(moved(q, a2, h / 3), a3, h / 3)
     w = add(add(add(add(w, b1, h / 6), b2, h / 3), b3, h / 3), b4, h / 6)
@@ -125,15 +124,8 @@ def lagged(before, target, step, lag):
 
 
 @njit(cache=True)
-def moment_of(current, rods):
-    """Dipole of the rods in A m2."""
-    dipole, residual = rods
-    return add(times(dipole, current), residual, 1.0)
-
-
-@njit(cache=True)
 def steer(q, w, env, reference, dither, inertia, control):
-    """Control current (mA, whole steps, plus dither) and the torque that ideal actuators would add.
+    """Control current (mA, whole steps, plus dither).
 
     Of the wanted torque the part along the field cannot be had; it is given up where it costs least in acceleration.
     """
@@ -148,39 +140,35 @@ def steer(q, w, env, reference, dither, inertia, control):
     top = 20.0 / step_ma
     a, b, c = min(max(a, -top), top), min(max(b, -top), top), min(max(c, -top), top)
     steps = (np.rint(a), np.rint(b), np.rint(c))
-    trim = add(dither, steps, step_ma)
-    return trim, add(wanted, cross(trim, field_b), -per_current)
+    return add(dither, steps, step_ma)
 
 
 @njit(cache=True)
 def propagate(t, envs, modes, drive, reference, dither, start, body, control):
-    """Go through the grid t; rows of state (7), current, dipole, angular acceleration; and the state to go on with.
+    """Go through the grid t; rows of state (7), current and angular acceleration, right limits.
 
     envs = at the grid times and at the middles of the steps. modes[k]: 0 control currents unchanged, 1 off,
-    2 renewed, 3 renewed with ideal actuators besides. drive = current (3) held over the step.
-    reference = quaternion and rate (7), valid where renewed. start = quaternion, rate, control current, lagged
-    current, ideal torque. body = (inertia, inverse), rods, lag; values at a grid time are right limits.
+    2 renewed. drive = current (3) held over the step. reference = quaternion and rate (7), valid where renewed.
+    start = quaternion, rate, control current, lagged current. body = (inertia, inverse), rods, lag.
     """
     solid, rods, lag = body
-    q, w, trim, fast, ideal = start
-    n, table = len(t), np.empty((len(t), 16))
+    q, w, trim, fast = start
+    n, table = len(t), np.empty((len(t), 13))
     for k in range(n):
         h, last = (t[k + 1] - t[k], k + 1) if k < n - 1 else (0.0, k)
         if modes[k] == 1:
-            trim, ideal = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+            trim = (0.0, 0.0, 0.0)
         elif modes[k] > 1:
-            trim, rest = steer(q, w, envs[0][k], reference[k], dither[k], solid[0], control)
-            ideal = add((0.0, 0.0, 0.0), rest, modes[k] - 2.0)
+            trim = steer(q, w, envs[0][k], reference[k], dither[k], solid[0], control)
         now = add(drive[k], trim, 1.0)
         begun, half, fast = lagged(fast, now, 0.0, lag), lagged(fast, now, h / 2, lag), lagged(fast, now, h, lag)
-        m = moment_of(begun, rods), moment_of(half, rods), moment_of(fast, rods)
-        wd = rate_dot(q, w, m[0], envs[0][k], ideal, solid, reference[k], (0.0, 0.0))
-        table[k] = np.array(q + w + now + m[0] + wd)
+        m = times(rods, begun), times(rods, half), times(rods, fast)
+        table[k] = np.array(q + w + now + rate_dot(q, w, m[0], envs[0][k], solid, reference[k], (0.0, 0.0)))
         if k < n - 1:
             here = envs[0][k], envs[1][k], envs[0][last]
             same = (reference[k], reference[k], reference[k]), (0.0, 0.0)
-            q, w = runge_kutta(q, w, h, m, here, ideal, solid, same)
-    return table, (q, w, trim, fast, ideal)
+            q, w = runge_kutta(q, w, h, m, here, solid, same)
+    return table
 
 
 @njit(cache=True)

@@ -1,90 +1,49 @@
-"""Names, units, signs and settings of all hidden effects."""
-
-from dataclasses import dataclass, field
+"""Shapes, units, signs and settings of all hidden effects."""
 
 import numpy as np
 
-
-@dataclass(frozen=True)
-class Effect:
-    """One hidden effect: unit and shape of its value, meaning with sign, and further settings with their defaults."""
-
-    unit: str
-    shape: str  # "scalar", "vector" (SRF x, y, z or rods) or "matrix" (row = output axis, column = input axis)
-    about: str
-    settings: dict = field(default_factory=dict)
-
-
-TIMING = {
-    "acc_delay_s": Effect("s", "scalar", "all ACC1A tags late by this"),
-    "sca_delay_s": Effect("s", "scalar", "all SCA1B tags late by this"),
-    "mag_delay_s": Effect("s", "scalar", "all MAG1B tags (field and currents) late by this"),
+TIMING = ("acc_delay_s", "sca_delay_s")  # s, all tags of ACC1A or SCA1B late by this
+#: Shape of the value: "scalar", "vector" (SRF x, y, z or rods) or "matrix" (row = output axis, column = input axis);
+#: further settings with their defaults.
+EFFECTS = dict.fromkeys(TIMING, ("scalar", {})) | {
+    "dipole_gain": ("vector", {}),  # 1, dipole of each rod = (1 + value) k current
+    "torque_lag_s": ("scalar", {}),  # s, dipole follows the current with this first-order lag
+    "mag_scale": ("vector", {}),  # 1, magnetometer = (1 + value) field
+    "mag_current_leak": ("matrix", {}),  # nT/mA, magnetometer row axis from column rod
+    "acc_current_leak": ("matrix", {}),  # m s-2/mA, linear reading, row axis from column rod
+    "acc_tone": ("vector", {"frequency_hz": 0.05, "phase": None}),  # m s-2, sine
+    "odd_field_current": ("vector", {}),  # m s-2/(mA T), |B| times summed current
+    "odd_current_squared": ("vector", {"lag_s": 2.0}),  # m s-2/mA2, summed current squared, lagged
+    "odd_latitude": ("vector", {"cycles": 60.0}),  # m s-2, sin(cycles latitude); cycles 0: latitude itself
+    "odd_edge_spike": ("vector", {"decay_s": 0.7, "signed": True}),  # m s-2, spike after each edge
+    "odd_telegraph": ("vector", {"rate_hz": 0.05}),  # m s-2, random telegraph +-value
+    "odd_hysteresis": ("vector", {"width_ma": 60.0}),  # m s-2/mA, play operator of summed current
+    "odd_second_hand": ("vector", {}),  # m s-2, saw-tooth of each GPS second
+    "odd_rate_product": ("vector", {}),  # m, rates off the reference: x times z
+    "odd_chirp": ("vector", {"from_hz": 0.03, "to_hz": 0.3}),  # m s-2, chirp within each manoeuvre
 }
-TORQUE = {
-    "dipole_gain": Effect("1", "vector", "dipole of each rod = (1 + value) k current"),
-    "torque_lag_s": Effect("s", "scalar", "dipole follows the current with this first-order lag"),
-    "residual_dipole": Effect("A m2", "vector", "constant dipole"),
-    "inertia_products": Effect("kg m2", "vector", "true J_xy, J_xz, J_yz elements"),
-}
-READING = {
-    "ang_scale": Effect("1", "vector", "angular reading = (1 + value) truth"),
-    "mag_scale": Effect("1", "vector", "magnetometer = (1 + value) field"),
-    "mag_current_leak": Effect("nT/mA", "matrix", "magnetometer row axis from column rod"),
-}
-ADDED = {
-    "acc_current_leak": Effect("m s-2/mA", "matrix", "linear reading, row axis from column rod"),
-    "acc_tone": Effect("m s-2", "vector", "sine", {"frequency_hz": 0.05, "phase": None}),
-    "odd_field_current": Effect("m s-2/(mA T)", "vector", "|B| times summed current"),
-    "odd_current_squared": Effect("m s-2/mA2", "vector", "summed current squared, lagged", {"lag_s": 2.0}),
-    "odd_latitude": Effect(
-        "m s-2", "vector", "value sin(cycles latitude); cycles 0: latitude itself", {"cycles": 60.0}
-    ),
-    "odd_edge_spike": Effect("m s-2", "vector", "spike after each edge", {"decay_s": 0.7, "signed": True}),
-    "odd_telegraph": Effect("m s-2", "vector", "random telegraph +-value", {"rate_hz": 0.05}),
-    "odd_hysteresis": Effect("m s-2/mA", "vector", "play operator of summed current", {"width_ma": 60.0}),
-    "odd_second_hand": Effect("m s-2", "vector", "saw-tooth of each GPS second"),
-    "odd_rate_product": Effect("m", "vector", "value x (rates off the reference: x times z)"),
-    "odd_chirp": Effect("m s-2", "vector", "chirp within each manoeuvre", {"from_hz": 0.03, "to_hz": 0.3}),
-}
-EFFECTS = TIMING | TORQUE | READING | ADDED
-_AXES = {"x": 0, "y": 1, "z": 2}
 
 
-def vector(value):
-    """(3,) from a number (all axes), a mapping such as {"y": 1e-9}, or three numbers."""
-    if isinstance(value, dict):
-        out = np.zeros(3)
-        for axis, number in value.items():
-            out[_AXES[axis]] = number
-        return out
-    return np.broadcast_to(np.asarray(value, float), (3,)).copy()
-
-
-def matrix(value):
-    """(3, 3) from a mapping such as {"yx": 1e-9} (output y, input x) or nine numbers."""
-    if isinstance(value, dict):
-        out = np.zeros((3, 3))
-        for (row, column), number in value.items():
-            out[_AXES[row], _AXES[column]] = number
-        return out
-    return np.asarray(value, float).reshape(3, 3)
-
-
-_SHAPES = {"scalar": float, "vector": vector, "matrix": matrix}
+def array(value, shape):
+    """Number, (3,) or (3, 3); of a mapping such as {"y": 1e-9} or {"yx": 1e-9} (output y, input x) the rest is zero."""
+    size = {"scalar": (), "vector": (3,), "matrix": (3, 3)}[shape]
+    if not isinstance(value, dict):
+        return np.broadcast_to(np.asarray(value, float), size).copy()
+    out = np.zeros(size)
+    for axes, number in value.items():
+        out[tuple(map("xyz".index, axes))] = number
+    return out
 
 
 def parse(effects):
     """Mapping name -> {"value": number or array, **settings}, every name of the catalogue present (zero by default)."""
-    unknown = set(effects) - set(EFFECTS)
-    if unknown:
+    if unknown := effects.keys() - EFFECTS.keys():
         raise ValueError(f"unknown effects {sorted(unknown)}; known: {sorted(EFFECTS)}")
-    zero = {"scalar": 0.0, "vector": 0.0, "matrix": np.zeros((3, 3))}
     out = {}
-    for name, effect in EFFECTS.items():
-        given = effects.get(name, zero[effect.shape])
-        if not (isinstance(given, dict) and "value" in given):
-            given = {"value": given}
-        if set(given) - {"value", *effect.settings}:
-            raise ValueError(f"{name}: settings are value, {', '.join(effect.settings)}; got {sorted(given)}")
-        out[name] = effect.settings | given | {"value": _SHAPES[effect.shape](given["value"])}
+    for name, (shape, defaults) in EFFECTS.items():
+        given = effects.get(name, 0.0)
+        given = given if isinstance(given, dict) and "value" in given else {"value": given}
+        if given.keys() - {"value", *defaults}:
+            raise ValueError(f"{name}: settings are value, {', '.join(defaults)}; got {sorted(given)}")
+        out[name] = defaults | given | {"value": array(given["value"], shape)}
     return out

@@ -1,4 +1,4 @@
-"""Two small events that the tests of this folder share, and plain reading of the files."""
+"""A small event that the tests of this folder share, and plain reading of the files."""
 
 from pathlib import Path
 
@@ -6,9 +6,6 @@ import numpy as np
 import pytest
 
 from . import make_event
-
-SHORT = {"manoeuvres": [("pitch", "high")], "window_s": (20.0, 20.0), "keep_scenes": True}
-EXACT = SHORT | {"noise_scale": 0.0, "quantise": False}
 
 
 def table(truth, product):
@@ -20,11 +17,6 @@ def table(truth, product):
 
 @pytest.fixture(scope="session")
 def event(tmp_path_factory):
-    """One noisy pitch manoeuvre with short quiet times."""
-    return make_event(tmp_path_factory.mktemp("event"), 11, **SHORT)
-
-
-@pytest.fixture(scope="session")
-def exact(tmp_path_factory):
-    """The same without noise and quantisation."""
-    return make_event(tmp_path_factory.mktemp("exact"), 11, **EXACT)
+    """One noisy pitch manoeuvre with short quiet times, and its states."""
+    short = {"manoeuvres": [("pitch", "high")], "window_s": (20.0, 20.0), "keep_scenes": True}
+    return make_event(tmp_path_factory.mktemp("event"), 11, **short)

@@ -61,13 +61,13 @@ def write_field(path):
 def fly(step, envs, references, dipole, solid, gains, start):
     """Quaternion, rate and angular acceleration (n, 10) on even times; what acts is given at every half step."""
     q, w = start
-    out, same, none = np.empty(((len(envs) + 1) // 2, 10)), (dipole, dipole, dipole), (0.0, 0.0, 0.0)
+    out, same = np.empty(((len(envs) + 1) // 2, 10)), (dipole, dipole, dipole)
     for k in range(len(out)):
         m, e = 2 * k + (k < len(out) - 1), 2 * k + 2 * (k < len(out) - 1)
         known = (references[2 * k], references[m], references[e]), gains
-        rate_dot = attitude.rate_dot(q, w, dipole, envs[2 * k], none, solid, known[0][0], gains)
+        rate_dot = attitude.rate_dot(q, w, dipole, envs[2 * k], solid, known[0][0], gains)
         out[k] = np.array(q + w + rate_dot)
-        q, w = attitude.runge_kutta(q, w, step, same, (envs[2 * k], envs[m], envs[e]), none, solid, known)
+        q, w = attitude.runge_kutta(q, w, step, same, (envs[2 * k], envs[m], envs[e]), solid, known)
     return out
 
 

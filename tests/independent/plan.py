@@ -1,4 +1,4 @@
-"""When and where the manoeuvres are: areas, centre times, edges, windows."""
+"""When and where the manoeuvres are: areas, centre times, edges."""
 
 from dataclasses import dataclass, field
 
@@ -24,10 +24,8 @@ class Manoeuvre:
     period_s: float = 12.0
     duration_s: float = 180.0
     polarity: int = 1
-    quarter_start: bool = False
     start: float = 0.0
     centre_latitude_deg: float = 0.0
-    longitude_deg: float = 0.0
     edges: np.ndarray = field(default_factory=lambda: np.zeros(0))
 
     @property
@@ -38,8 +36,7 @@ class Manoeuvre:
     def place(self, start):
         """Put the wave at a start; all current changes, first and last included, become `edges`."""
         half = self.period_s / 2
-        first = half / 2 if self.quarter_start else half
-        inner = np.arange(start + first, start + self.duration_s - 1e-9, half)
+        inner = np.arange(start + half, start + self.duration_s - 1e-9, half)
         self.start, self.edges = start, np.concatenate([[start], inner, [start + self.duration_s]])
 
     def current(self, seconds):
@@ -86,7 +83,7 @@ def _greenwich(date):
 
 
 def _draw(rng, manoeuvres, crossings, node_deg, gap_s):
-    """Centre times and longitudes for one node, or None where an area cannot be met."""
+    """Centre times for one node, or None where an area cannot be met."""
     taken = []
     for index in rng.permutation(len(manoeuvres)):
         m = manoeuvres[index]
@@ -94,12 +91,11 @@ def _draw(rng, manoeuvres, crossings, node_deg, gap_s):
         longitudes = (longitudes + node_deg + 180) % 360 - 180
         low, high = LONGITUDE.get((m.kind, m.area), (-180.0, 180.0))
         fits = (longitudes >= low) & (longitudes <= high)
-        for other, *_ in taken:
+        for other, _ in taken:
             fits &= abs(times - other) > gap_s
         if not fits.any():
             return None
-        pick = rng.choice(np.flatnonzero(fits))
-        taken.append((times[pick], longitudes[pick], index))
+        taken.append((times[rng.choice(np.flatnonzero(fits))], index))
     return taken
 
 
@@ -114,24 +110,9 @@ def schedule(rng, orbit, date, manoeuvres, gap_s, start_fraction):
             break
     else:
         raise ValueError("no orbit meets the areas of these manoeuvres; ask for fewer or shorter windows")
-    for centre, longitude, index in taken:
+    for centre, index in taken:
         m = manoeuvres[index]
         fraction = rng.uniform(0, 1) if start_fraction is None else start_fraction
-        m.longitude_deg = float(longitude)
         m.place(float(np.floor(centre - m.duration_s / 2)) + fraction)
     manoeuvres.sort(key=lambda m: m.start)
     return turn(orbit, np.radians(node))
-
-
-def windows(manoeuvres, quiet_s, whole_day, block_s=7200.0):
-    """Intervals to simulate: one for each manoeuvre, or blocks that fill the day."""
-    if not whole_day:
-        return [(m.start - quiet_s[0], m.stop + quiet_s[1]) for m in manoeuvres]
-    cuts = [0.0]
-    while cuts[-1] < 86400.0:
-        cut = min(cuts[-1] + block_s, 86400.0)
-        for m in manoeuvres:
-            if m.start - 60 < cut < m.stop + 60:
-                cut = m.stop + 60
-        cuts.append(float(np.ceil(cut)))
-    return list(zip(cuts[:-1], cuts[1:], strict=True))

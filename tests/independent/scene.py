@@ -28,7 +28,6 @@ class Scene:
     rate_dot: np.ndarray
     current: np.ndarray
     field: np.ndarray
-    linear: np.ndarray | None = None  # filled by the accelerometer
 
     @property
     def manoeuvres(self):
@@ -97,44 +96,36 @@ def held(world, t):
 
 def modes(world, t, ticks):
     """Control mode at each grid time (see `attitude.propagate`)."""
-    s = world.settings
     out = np.where(np.isin(t, ticks), 2, 0)
-    near = np.zeros(len(t), bool)
-    for m in world.manoeuvres:
-        near |= (t >= m.start - s.window_s[0]) & (t < m.stop + s.window_s[1])
-    out[(out == 2) & ~near] = 3 if s.whole_day else 2
-    for m in world.manoeuvres:
-        inside = (t >= m.start) & (t < m.stop)
-        if s.control != "on":
-            out[inside] = {"off": 1, "hold": 0}[s.control]
+    for m in world.manoeuvres if world.settings.control == "off" else ():
+        out[(t >= m.start) & (t < m.stop)] = 1
     return out
 
 
 def start_state(world, start):
-    """State near the reference attitude with small errors."""
-    rng, s = stream(world.seed, "attitude", round(start)), world.settings
-    error = Rotation.from_rotvec(rng.normal(0, s.pointing_error_rad, 3))
-    rate = error.inv().apply(world.orbit.reference_rate([start])[0]) + rng.normal(0, s.rate_error_rad_s, 3)
+    """State near the reference attitude with errors of 1 mrad and 1e-6 rad/s."""
+    rng = stream(world.seed, "attitude", round(start))
+    error = Rotation.from_rotvec(rng.normal(0, 1e-3, 3))
+    rate = error.inv().apply(world.orbit.reference_rate([start])[0]) + rng.normal(0, 1e-6, 3)
     q = (world.orbit.reference([start]) * error).as_quat(scalar_first=True)[0]
-    return (tuple(q.tolist()), tuple(rate.tolist()), *[(0.0, 0.0, 0.0)] * 3)
+    return (tuple(q.tolist()), tuple(rate.tolist()), *[(0.0, 0.0, 0.0)] * 2)
 
 
-def simulate(world, window, samples, ticks, state):
-    """Scene over a window whose grid holds the samples; and the state at its end."""
-    s, (start, stop) = world.settings, window
+def simulate(world, window, samples, ticks):
+    """Scene over a window whose grid holds the samples."""
+    start, stop = window
     t = np.unique(np.concatenate([*samples, ticks, *(m.edges for m in world.manoeuvres), np.array([start, stop])]))
     t = t[(t >= start) & (t <= stop)]
     mode = modes(world, t, ticks)
     renew, reference = mode >= 2, np.zeros((len(t), 7))
     reference[renew, :4] = world.orbit.reference(t[renew]).as_quat(scalar_first=True)
     reference[renew, 4:] = world.orbit.reference_rate(t[renew])
-    dither = stream(world.seed, "dither", round(start)).normal(0, s.control_dither_ma / world.step_ma, (len(t), 3))
+    dither = stream(world.seed, "dither", round(start)).normal(0, 0.1 / world.step_ma, (len(t), 3))  # mA
     dither = np.rint(dither) * world.step_ma
     both = environment(world, np.concatenate([t, (t[:-1] + t[1:]) / 2]))
     envs = both[: len(t)], both[len(t) :]
-    state = start_state(world, start) if state is None else state
-    control, parts = (s.dipole_per_current, world.step_ma), world.body.parts()
-    table, state = attitude.propagate(t, envs, mode, held(world, t), reference, dither, state, parts, control)
-    quaternion, rate, current, _, rate_dot = np.split(table, [4, 7, 10, 13], axis=1)
+    control, state = (world.per_current, world.step_ma), start_state(world, start)
+    table = attitude.propagate(t, envs, mode, held(world, t), reference, dither, state, world.body.parts(), control)
+    quaternion, rate, current, rate_dot = np.split(table, [4, 7, 10], axis=1)
     field = Rotation.from_quat(quaternion, scalar_first=True).inv().apply(envs[0][:, 0])
-    return Scene(world, t, quaternion, rate, rate_dot, current, field), state
+    return Scene(world, t, quaternion, rate, rate_dot, current, field)

@@ -34,10 +34,8 @@ def truth_at_proof_mass(scene):
 
 def accelerometer(scene, keep):
     """Linear and angular readings (m, 3) at grid indices, without noise, bias or quantisation."""
-    e = scene.world.effects
-    scene.linear = truth_at_proof_mass(scene)
-    linear = scene.linear + added.total(scene, e)
-    return linear[keep], scene.rate_dot[keep] * (1 + e["ang_scale"]["value"])
+    linear = truth_at_proof_mass(scene) + added.total(scene, scene.world.effects)
+    return linear[keep], scene.rate_dot[keep]
 
 
 def spoil(scene, linear, angular):
@@ -56,10 +54,8 @@ def spoil(scene, linear, angular):
 
 def star_camera(scene, keep):
     """Quaternions (m, 4), scalar first, of the attitude at grid indices."""
-    world = scene.world
-    s, start = world.settings, round(scene.t[0])
-    rng = stream(world.seed, "sca", start)
-    error = rng.normal(0, 1, (len(keep), 3)) * np.asarray(s.sca_noise_rad) * loudness(scene, "sca")
+    rng = stream(scene.world.seed, "sca", round(scene.t[0]))
+    error = rng.normal(0, 1, (len(keep), 3)) * 3e-6 * loudness(scene, "sca")  # rad
     small = Rotation.from_rotvec(error)
     return (scene.rotation[keep] * small).as_quat(canonical=False, scalar_first=True)
 
@@ -72,7 +68,7 @@ def magnetometer(scene, keep, half):
     field = scene.field[keep] * 1e6 * (1 + e["mag_scale"]["value"])
     field = field + 1e-3 * (world.mag_bias_nt + current @ e["mag_current_leak"]["value"].T)
     rng = stream(world.seed, "mag", round(scene.t[0]))
-    field = field + rng.normal(0, s.mag_noise_nt * 1e-3 * loudness(scene, "mag"), field.shape)
+    field = field + rng.normal(0, 5e-3 * loudness(scene, "mag"), field.shape)
     repeat = np.flatnonzero(half == 0)
     field[repeat[repeat > 0]] = field[repeat[repeat > 0] - 1]
     if s.quantise:
