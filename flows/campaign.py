@@ -20,7 +20,7 @@ from dataclasses import dataclass, field
 from flows import command, discover, engine
 from flows.calibration import Calibration, load
 from flows.engine import server, through_prefect
-from gravcal.errors import GravcalError, ProductError
+from gravcal.errors import GravcalError, refuse
 from gravcal.store import history, keys, location, product, results, schemas
 from tasks import stage
 
@@ -233,9 +233,7 @@ def cluster(campaign, count):
             own, known = keys.versions()["gravcal"], client.run(keys.versions)
             other = {worker: one["gravcal"] for worker, one in known.items() if one["gravcal"] != own}
             for worker, found in other.items():
-                raise ProductError(
-                    f"{worker}: runs gravcal {found}, this is {own}. Install the same version on all workers."
-                )
+                refuse(worker, f"gravcal {found}", f"{own}, as here", "Install the same version on all workers.")
             client.get_versions(check=True)
             yield client
         return

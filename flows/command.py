@@ -13,7 +13,7 @@ import typer
 from flows import engine, output
 from flows.calibration import Calibration, known, load, load_all, model_text
 from gravcal import catalog
-from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError
+from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError, refuse
 from gravcal.io import archive
 from gravcal.store import configurations, history, housekeeping, keys, location, product, store
 from gravcal.store.schemas import VERSION
@@ -106,12 +106,8 @@ def check_folder(calibration, data):
     named = " and ".join([", ".join(others[:-1]), others[-1]] if others[1:] else others)
     reads = f" (files of {named})" if others else ""
     remedy = "Run one of these on it, or give another --data." if others else "Check --data."
-    raise (ProductError if found else NoDataError)(
-        f"{data}: found {', '.join(found) or 'no Level-1 file'}{reads}, expected {' or '.join(wanted)} for "
-        f"{calibration}. {remedy}",
-        folder=str(data),
-        found=found,
-    )
+    there, expected = f"{', '.join(found) or 'no Level-1 file'}{reads}", f"{' or '.join(wanted)} for {calibration}"
+    refuse(data, there, expected, remedy, ProductError if found else NoDataError)
 
 
 def calibrate(calibration, source, chosen, engine_name, server=None):
@@ -170,9 +166,8 @@ def sources(calibration, event, data, satellite, date):
     one, made = record(calibration), []
     found = history.level_one_folders(calibration)
     if not found:
-        raise ProductError(
-            f"product store {location.folder()}: no event of {calibration} was ever run. Give an EVENT or --data DIR."
-        )
+        where, found = f"product store {location.folder()}", f"no event of {calibration} that was ever run"
+        refuse(where, found, "one", "Give an EVENT or --data DIR.")
     for event_, folder, letters, day in found:
         try:
             made.append(replace(one.source(data=folder, satellite=letters, date=day), event=event_))
@@ -196,12 +191,12 @@ def many_sources(calibration, satellite, data):
     check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
     if data is not None:
         if not data.is_dir():
-            raise ProductError(f"{data}: not a folder, expected one with Level-1 files. Give the folder with --data.")
+            refuse(data, "no folder", "one with Level-1 files", "Give the folder with --data.")
         days = [day for day in one.days(data) if satellite is None or set(satellite) & set(day[1])]
         if not days:
             check_folder(calibration, data)
             whose = f" of satellite {satellite}" if satellite else ""
-            raise ProductError(f"{data}: no Level-1 file that begins an event{whose}. Give another folder.")
+            refuse(data, f"no Level-1 file that begins an event{whose}", "one", "Give another folder.")
         return [_source(one, None, data=folder, satellite=letters, date=date) for folder, letters, date in days]
     own = catalog.events(calibration=calibration)
     names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]
@@ -298,10 +293,9 @@ def compare(calibration, first, second, satellite=None):
     own, other = found[first], found[second]
     shared = sorted(own.keys() & other.keys())
     if not shared:
-        raise ProductError(
-            f"{calibration}: found {len(own)} events of {first} and {len(other)} of {second} and none of both in "
-            f"{location.folder()}, expected one. Run the one that is missing: gravcal campaign {calibration} --as NAME."
-        )
+        there = f"{len(own)} events of {first} and {len(other)} of {second} and none of both in {location.folder()}"
+        remedy = f"Run the one that is missing: gravcal campaign {calibration} --as NAME."
+        refuse(calibration, there, "one", remedy)
     alone = {first: sorted(own.keys() - other.keys()), second: sorted(other.keys() - own.keys())}
     read = lambda one: json.loads((one.ref.folder / "result.json").read_text())  # noqa: E731
     why = lambda one, two: history.apart(one.ref.key, two.ref.key)  # noqa: E731

@@ -8,7 +8,7 @@ import numpy as np
 from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
-from gravcal.errors import ProductError
+from gravcal.errors import refuse
 from gravcal.io import archive
 from gravcal.store import results
 from tasks import common, gradient_torque
@@ -108,17 +108,15 @@ def _nongravitational(chosen, day):
         return None
     file = archive.from_name(Path(chosen.nongravitational).expanduser())
     if file.product not in ("ACT1B", "ACC1B"):
-        raise ProductError(f"nongravitational: found {file.path.name}, expected an ACT1B or ACC1B file. Give one.")
+        refuse("nongravitational", file.path.name, "an ACT1B or ACC1B file", "Give one.")
     read = readers.read(file)
     since = read["time_tag"].values - read["time_tag"].values[0]
     values = np.stack([read[f"lin_accl_{axis}"].values for axis in "xyz"], axis=1)
     known = np.isfinite(values).all(axis=1)
     covered = float(since[known][-1]) if known.any() else 0.0
     if covered < chosen.duration_s - TAIL_S:
-        raise ProductError(
-            f"{file.path.name}: found {covered:.0f} s of accelerations, expected {chosen.duration_s:.0f} s. Give a "
-            f"longer file, or --set duration_s={covered:.0f}."
-        )
+        remedy = f"Give a longer file, or --set duration_s={covered:.0f}."
+        refuse(file.path.name, f"{covered:.0f} s of accelerations", f"{chosen.duration_s:.0f} s", remedy)
     return lambda time: np.stack([np.interp(time - day, since[known], one[known]) for one in values.T], axis=1)
 
 

@@ -19,7 +19,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from flows.engine import server
-from gravcal.errors import CatalogError, ProductError
+from gravcal.errors import CatalogError, ProductError, refuse
 from gravcal.io import archive
 from gravcal.store import location
 
@@ -73,13 +73,9 @@ def _alone(name):
             fcntl.flock(held, fcntl.LOCK_EX | fcntl.LOCK_NB)
             yield
     except BlockingIOError:
-        raise ProductError(
-            f"{home}: found another gravcal serve of {name}, expected none. End it, or name another GRAVCAL_PRODUCTS."
-        ) from None
+        refuse(home, f"another gravcal serve of {name}", "none", "End it, or name another GRAVCAL_PRODUCTS.")
     except PermissionError as error:
-        raise ProductError(
-            f"{home}: {error.strerror}; expected a folder of your own. Name one in PREFECT_HOME."
-        ) from None
+        refuse(home, error.strerror, "a folder of your own", "Name one in PREFECT_HOME.")
 
 
 def _run(served, schedule, where, said):
@@ -133,9 +129,8 @@ def _schedule(cron):
     try:
         return CronSchedule(cron=cron, timezone="UTC")
     except ValueError:
-        raise CatalogError(
-            f"--cron {cron!r}: found no times of the clock, expected minute hour day month weekday such as '0 3 * * *'."
-        ) from None
+        expected = "minute hour day month weekday such as '0 3 * * *'"
+        return refuse("--cron", repr(cron), expected, "Give times of the clock.", CatalogError)
 
 
 @contextlib.contextmanager

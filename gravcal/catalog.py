@@ -19,7 +19,6 @@ import os
 import tomllib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from decimal import Decimal, InvalidOperation
 from functools import lru_cache
 from importlib import resources
 from pathlib import Path
@@ -314,14 +313,13 @@ def save_event(name, text):
 
 @dataclass(frozen=True)
 class Published:
-    """One printed result. A blank of the print is None; ``rounding`` is half the last printed digit."""
+    """One printed result. A blank of the print is None."""
 
     section: str
     events: tuple[str, ...]
     labels: Mapping[str, str]
     value: tuple
     sigma: tuple
-    rounding: tuple
     unit: str
     direction: str
     source: str
@@ -394,7 +392,6 @@ def _record(row, table):
         labels={key: row[key] for key in table["labels"]},
         value=tuple(_number(row[key]) for key in table["value"]),
         sigma=tuple(_number(row[key]) for key in table["sigma"]),
-        rounding=tuple(_rounding(row[key]) for key in table["value"]),
         unit=row["unit"] if table["unit"] == "column" else table["unit"],
         direction=table["direction"],
         source=f"{table['doi']}, {table['table']}",
@@ -410,14 +407,6 @@ def _number(text):
         return float(text)
     except ValueError:
         return text
-
-
-def _rounding(text):
-    """Half the last printed digit, or None."""
-    try:
-        return float(Decimal(5).scaleb(Decimal(text).as_tuple().exponent - 1))
-    except InvalidOperation:
-        return None
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from gravcal import catalog
-from gravcal.errors import NoDataError, ProductError
+from gravcal.errors import NoDataError, ProductError, refuse
 from gravcal.store import product, store
 from tasks.stage import lazy, stage
 
@@ -35,13 +35,11 @@ class Source:
         own = {letter, *self.satellite}
         day = (f for f in archive.inventory(self.folder) if str(f.date) == self.date and f.satellite in own)
         there = ", ".join(sorted({f.product for f in day}))
-        raise (ProductError if there else NoDataError)(
-            f"{self.folder}: found no {' or '.join(products)} of satellite {letter} on {self.date} "
-            f"{f'beside {there}' if there else 'and nothing else of that day'}, expected one. "
-            f"Put the file or its daily archive there, or give another --data, --satellite or --date.",
-            folder=str(self.folder),
-            products=products,
-        )
+        beside = f"beside {there}" if there else "and nothing else of that day"
+        found = f"no {' or '.join(products)} of satellite {letter} on {self.date} {beside}"
+        remedy = "Put the file or its daily archive there, or give another --data, --satellite or --date."
+        kind = ProductError if there else NoDataError
+        return refuse(self.folder, found, "one", remedy, kind, folder=str(self.folder), products=products)
 
     def files(self, *products: str):
         """All of these products that the folder holds, none where it holds none."""
@@ -61,9 +59,7 @@ def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Sourc
         return replace(found, satellite=pair)
     folder = Path(data)
     if not folder.is_dir():
-        raise ProductError(
-            f"{folder}: found no folder, expected one with Level-1 files. Check --data.", folder=str(folder)
-        )
+        refuse(folder, "no folder", "one with Level-1 files", "Check --data.", folder=str(folder))
     inventory = one.files.inventory(folder)
     of_day = [f for f in inventory if satellite in (None, f.satellite) and date in (None, f.date)]
     fitting = [f for f in of_day if f.product in one.begins]
@@ -72,11 +68,8 @@ def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Sourc
         have = sorted({f"{f.product} of {f.satellite} on {f.date}" for f in found})
         have = [*have[:3], f"and {len(have) - 3} more"] if len(have) > 4 else have
         wanted = f"{' or '.join(one.begins)}{f' of {satellite}' if satellite else ''}{f' on {date}' if date else ''}"
-        raise (ProductError if of_day else NoDataError)(
-            f"{folder}: found {', '.join(have) or 'none of its files'}, expected {wanted}. Correct --satellite or "
-            f"--date, or give another --data.",
-            found=have,
-        )
+        remedy, kind = "Correct --satellite or --date, or give another --data.", ProductError if of_day else NoDataError
+        refuse(folder, ", ".join(have) or "none of its files", wanted, remedy, kind)
     satellite = satellite or _only(folder, sorted({f.satellite for f in fitting}), "satellite", "--satellite")
     dates = sorted({f.date for f in fitting if f.satellite == satellite})
     joined = date is None and _are_joined(dates, one.span_days)
@@ -121,36 +114,30 @@ def _from_catalogue(one, event):
     """Source of an event of the catalogue; the folder is that of GRAVCAL_DATA, its own sub-folder first."""
     entry = catalog.event(event)
     if entry.calibration != one.name:
-        raise ProductError(
-            f"event {event}: found a {entry.calibration} event, expected one of {one.name}. Choose another event."
-        )
+        refuse(f"event {event}", f"a {entry.calibration} event", f"one of {one.name}", "Choose another event.")
     if entry.date is None:
         raise NoDataError(f"event {event}: its true date is not known, so no files can be found. Choose another event.")
     root = os.environ.get("GRAVCAL_DATA")
     if not root:
-        raise ProductError(
-            f"event {event}: GRAVCAL_DATA is not set, expected the folder with the Level-1 files of {entry.date}. "
-            f"Set it, or use --data DIR."
-        )
+        expected = f"the folder with the Level-1 files of {entry.date}"
+        refuse(f"event {event}", "that GRAVCAL_DATA is not set", expected, "Set it, or use --data DIR.")
     own = Path(root) / event
     folder = own if own.is_dir() else Path(root)
     if not folder.is_dir():
-        raise ProductError(f"GRAVCAL_DATA = {root}: found no folder, expected one with Level-1 files. Set it anew.")
+        refuse(f"GRAVCAL_DATA = {root}", "no folder", "one with Level-1 files", "Set it anew.")
     first, last = str(entry.date), str(entry.end_date or entry.date)
     days = {str(file.date) for file in one.files.inventory(folder) if file.satellite in entry.letters}
     if not any(first <= day <= last for day in days):
-        raise NoDataError(
-            f"event {event}: found no file of satellite {' or '.join(entry.letters)} on {entry.date} in {folder}. "
-            f"Put the files there (gravcal fetch), or give another folder with GRAVCAL_DATA."
-        )
+        found = f"no file of satellite {' or '.join(entry.letters)} on {entry.date} in {folder}"
+        remedy = "Put the files there (gravcal fetch), or give another folder with GRAVCAL_DATA."
+        refuse(f"event {event}", found, "one", remedy, NoDataError)
     return Source(event, "".join(entry.letters), str(entry.date), folder)
 
 
 def _only(folder, found, what, option):
     if len(found) == 1:
         return found[0]
-    have = f"{what}s {', '.join(found)}"
-    raise ProductError(f"{folder}: found {have}, expected one {what}. Give {option}, or another --data.", found=found)
+    return refuse(folder, f"{what}s {', '.join(found)}", f"one {what}", f"Give {option}, or another --data.")
 
 
 def printed_of(calibration: str, event: str | None = None) -> dict[str, list[dict]]:

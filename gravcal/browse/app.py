@@ -15,7 +15,7 @@ from starlette.routing import Mount, Route
 from starlette.staticfiles import StaticFiles
 
 from gravcal.browse import pages, series
-from gravcal.errors import GravcalError
+from gravcal.errors import GravcalError, refuse
 
 COOKIE = "gravcal_token_{}"  # by port: a browser sends the cookies of this machine to every port of it
 OURS = (
@@ -111,19 +111,12 @@ def _same(given, token):
 
 def bound(host: str, port: int) -> socket.socket:
     """Socket that listens; port 0 for any that is free. GravcalError if the address cannot be had."""
-    kind = socket.AF_INET6 if ":" in host else socket.AF_INET
-    listening = socket.socket(kind, socket.SOCK_STREAM)
-    listening.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
     try:
-        listening.bind((host.strip("[]"), port))
-        listening.listen(128)  # who asks before the server has started waits
+        return socket.create_server((host.strip("[]"), port), family=family, dualstack_ipv6=":" in host)
     except OSError as error:
-        listening.close()
-        raise GravcalError(
-            f"browse: {host}:{port} cannot be listened on ({error.strerror or error}). Give another --port; 0 takes "
-            f"any that is free."
-        ) from error
-    return listening
+        found, remedy = error.strerror or error, "Give another --port; 0 takes any that is free."
+        return refuse(f"browse: {host}:{port}", found, "an address that can be listened on", remedy, GravcalError)
 
 
 def serve(calibrations, listening, host, say):

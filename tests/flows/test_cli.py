@@ -152,7 +152,7 @@ def test_files_of_another_calibration_are_named_with_it(word, tmp_path, capsys):
     """Contract: what was found, which calibration reads it, what was expected."""
     assert gravcal(word, "com_offset", "--data", ranging_files(tmp_path / "level1")) == 1
     said = " ".join(capsys.readouterr().err.split())
-    assert "(files of kbr_phase_centre, ranging and routine), expected ACC1A for com_offset" in said
+    assert "(files of kbr_phase_centre, ranging and routine); expected ACC1A for com_offset" in said
     assert "found GNI1B, KBR1B, SCA1B" in said
     assert "Run one of these on it" in said
 
@@ -169,7 +169,7 @@ def test_a_satellite_or_day_that_is_not_there_is_said_with_those_that_are(tmp_pa
     for wrong in (("--satellite", "AB"), ("--date", "2020-12-01")):
         assert gravcal("run", "kbr_phase_centre", "--data", folder, *wrong) == 3
         said = " ".join(capsys.readouterr().err.split())
-        assert "found KBR1B of Y on 2020-09-10, expected KBR1B or LRI1B o" in said
+        assert "found KBR1B of Y on 2020-09-10; expected KBR1B or LRI1B o" in said
 
 
 @pytest.mark.parametrize(
