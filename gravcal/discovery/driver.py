@@ -25,7 +25,7 @@ from gravcal.discovery.problem import (
     residuals_of,
 )
 from gravcal.discovery.product import summary
-from gravcal.discovery.rounds import Choice, Finding, Result, search
+from gravcal.discovery.rounds import Choice, Finding, Result, begun, concluded
 from gravcal.discovery.scan import offered, side_by_side
 from gravcal.discovery.trials import EXCESS, SHARES
 from gravcal.errors import CatalogError
@@ -223,7 +223,7 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
 
     Lines are looked for in what the rounds leave before any of it is called an excess, and what happens at an epoch
     again near it, so that what an epoch half a spacing off leaves gets no name; both are tried beside all others in
-    rounds that begin anew.
+    rounds that begin anew, if there is any.
 
     Parameters
     ----------
@@ -232,7 +232,8 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     choice : Choice
     seed : of the draws of noise
     """
-    result = search(rows, observed.candidates, replace(choice, excess=False), random_source(seed, rows))
+    state = begun(rows, observed.candidates, choice, random_source(seed, rows))
+    result = concluded(state, replace(choice, excess=False))
     found: list[Line] = []
     for one in observed.lines:
         about = one.cause, one.unit, replace(choice, level=choice.level / len(observed.lines))
@@ -240,8 +241,9 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
     if found or steps or result.after.excess_p < choice.excess_level:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
-        tried = [*observed.candidates, *near, *(one.candidate for one in found)]
-        result = search(rows, tried, choice, random_source(seed, rows))
+        if more := [*near, *(one.candidate for one in found)]:
+            state = begun(rows, [*observed.candidates, *more], choice, random_source(seed, rows))
+        result = concluded(state, choice)
     return result, {one.candidate.form: one for one in found}
 
 

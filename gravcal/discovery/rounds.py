@@ -100,12 +100,23 @@ class Result:
 
 def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> Result:
     """All rounds."""
+    return concluded(begun(blocks, candidates, choice, rng), choice)
+
+
+def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> tuple:
+    """State of a search that has named what follows something, as `concluded` goes on from it."""
     problem, outliers = adequacy.without_outliers(prepare(blocks, candidates), choice.order)
     scan.looked_at(problem, sorted({c for b in blocks for c in b.channel}))
     noise = drawn_noise(problem, adequacy.DRAWS, choice.quiet, rng, choice.order)
     before = adequacy.test(problem, baseline_of(problem, ()), noise)
     problem, chosen, first = _named(problem, choice)
     chosen, after = settled(problem, chosen, choice, noise, before)
+    return problem, outliers, noise, before, chosen, first, after
+
+
+def concluded(state: tuple, choice: Choice) -> Result:
+    """Result of a search that was begun, with the power beyond noise that follows nothing if it is to be named."""
+    problem, outliers, noise, before, chosen, first, after = state
     if choice.excess:
         known = len(chosen)
         problem, chosen = jumping(problem, chosen, choice)

@@ -427,21 +427,40 @@ def _chirps(count):
         middle = np.arange(count) / count
         kept = np.flatnonzero((middle > rate * count / 2) & (middle < 0.5 - rate * count / 2))
         if kept.size:
-            kept = np.concatenate([kept, -kept])  # a falling chirp of real rows is the conjugate of a rising one
-            yield partial(_chirp, count, kept, rate), partial(_chirp_power, kept, rate)
+            memory = {}
+            for one in (rate, -rate):
+                yield partial(_chirp, count, kept, one), partial(_chirp_power, kept, one, memory)
 
 
 def _chirp(count, kept, rate, index):
-    """Span and band of a chirp; it falls where its place is below zero."""
-    middle, half = abs(kept[index]) / count, np.sign(kept[index]) * rate * count / 2
-    return (0, count), (middle - half, middle + half)
+    """Span and band of a chirp."""
+    middle = kept[index] / count
+    return (0, count), (middle - rate * count / 2, middle + rate * count / 2)
 
 
-def _chirp_power(kept, rate, series):
-    """Power (b, k, d) along chirps, that of a number of unit variance for each of the two degrees of freedom."""
+def _chirp_power(kept, rate, memory, series):
+    """Power (b, k, d) along chirps, that of a number of unit variance for each of the two degrees of freedom.
+
+    A real series has the same power along a rate and its opposite at opposite frequencies: one spectrum gives both.
+    """
+    count, low, high = series.shape[1], kept[0], kept[-1] + 1
+    if id(series) not in memory:
+        found = _turned(series, abs(rate))
+        parts = found[:, low:high], found[:, count - high + 1 : count - low + 1][:, ::-1]
+        memory[id(series)] = [_power(part, count) for part in parts]
+    return memory[id(series)][rate < 0]
+
+
+def _turned(series, rate):
+    """Spectrum (b, n, d) of a series turned so that a chirp of this rate is a line."""
     away = np.arange(series.shape[1]) - series.shape[1] / 2
     turned = series * np.exp(-1j * np.pi * rate * away**2).astype("c8")[:, None]
-    return np.abs(fft.fft(turned, axis=1)[:, kept]) ** 2 * (2 / series.shape[1])
+    return fft.fft(turned, axis=1, overwrite_x=True)
+
+
+def _power(spectrum, count):
+    """Power of a spectrum of so many samples."""
+    return (spectrum.real**2 + spectrum.imag**2) * np.float32(2 / count)
 
 
 def _drifts(begins, spacing, count):
@@ -469,6 +488,7 @@ def _drift_power(kept, shift, turning, memory, series):
         memory.clear()
         memory["step"] = step
     if id(series) not in memory:
-        memory[id(series)] = _chirp_power(np.arange(series.shape[1] // 2), rate, series)
-    power = memory[id(series)]
-    return np.stack([one[kept + move] for one, move in zip(power, shift, strict=True)])
+        count = series.shape[1]
+        memory[id(series)] = _power(_turned(series, rate)[:, : count // 2], count)
+    low, high = kept[0], kept[-1] + 1
+    return np.stack([one[low + move : high + move] for one, move in zip(memory[id(series)], shift, strict=True)])
