@@ -19,6 +19,9 @@ from gravcal.discovery.evidence import Event
 from gravcal.discovery.problem import inverse_of
 from gravcal.estimation import chi2_tail
 
+PARTED = 4  # events, those that the others foretell worst, that are tried for values of their own
+ALONE = " alone"  # after the name of an event that has
+SHARED = "shared"  # scope of an error that all events share
 CUTS = 4  # change points of a cause at most
 #: Common sizes of a cause over its prior, and their odds. Many events see a hundredth of what is plausible, so that any
 #: smaller size is as likely; an order of magnitude more is three times less likely, as in a single event.
@@ -32,7 +35,8 @@ class Law:
     """How a cause goes from event to event: its parameters are weights (n, k) times k sets of values."""
 
     cause: int  #: number of the cause
-    scope: str  #: "constant", "epochs", "event", "each", or the measured quantity that it follows
+    #: "constant", "epochs", "event", "each", the measured quantity that it follows, or "shared", an error of all events
+    scope: str
     weights: np.ndarray  #: (n, k); (n, 0) of "each"
     labels: Sequence[str]  #: (k,) what each set of values is of
     odds: float = 0.0  #: twice the logarithm of how likely the law is before, beside others of its scope
@@ -100,6 +104,13 @@ class Search:
         """The law of a cause that is the same in all events."""
         return Law(cause, "constant", np.ones((len(self.events), 1)), ["all"])
 
+    def beside(self, laws: Sequence[Law], *causes: int) -> list[Law]:
+        """Laws with errors that all events share, as large as stated, of what is neither among them nor of causes."""
+        laws = [law for law in laws if law.scope != SHARED]
+        known = {self.slugs[k] for k in (*causes, *(law.cause for law in laws))}
+        errors = [k for k, one in enumerate(self.causes) if one.shared and one.slug not in known]
+        return laws + [replace(self.constant(k), scope=SHARED) for k in errors]
+
     def laws(self, cause: int) -> list[Law]:
         """Laws that a cause may follow."""
         count, names = len(self.events), [one.name for one in self.events]
@@ -135,7 +146,7 @@ class Search:
         """The law with values of its own for an event that contradicts the others."""
         alone = np.eye(len(self.events))[:, event : event + 1]
         weights = np.column_stack([law.weights * (1 - alone), alone])
-        labels = [*law.labels, f"{self.events[event].name} alone"]
+        labels = [*law.labels, self.events[event].name + ALONE]
         return replace(law, weights=weights, labels=labels, odds=law.odds - 2 * np.log(len(self.events)))
 
     def columns(self, laws: Sequence[Law]) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -145,21 +156,28 @@ class Search:
             place, many = self.places[law.cause], law.weights.shape[1]
             index.append(np.tile(place, many))
             weight.append(np.repeat(law.weights, place.size, axis=1))
-            prior.append(np.tile(self.causes[law.cause].prior, many))
+            one = self.causes[law.cause]
+            prior.append([one.shared / np.sqrt(3)] if law.scope == SHARED else np.tile(one.prior, many))
         return np.concatenate(index), np.concatenate(weight, axis=1), np.concatenate(prior)
 
     def products(
         self, laws: Sequence[Law], grams: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Products (n, c, c) of the values of some laws in each event, their priors (c,) and norms (c,)."""
+        """Products (n, c, c) of the values of some laws in each event, their priors (c,) and norms (c,).
+
+        What is known of errors that all events share is in the products, a part of it in each event.
+        """
         index, weight, prior = self.columns(laws)
         grams = self.grams if grams is None else grams
         made = grams[:, index[:, None], index] * weight[:, :, None] * weight[:, None, :]
+        of_errors = np.flatnonzero(np.isin(index, [self.places[law.cause][0] for law in laws if law.scope == SHARED]))
+        made[:, of_errors, of_errors] += 1 / prior[of_errors] ** 2 / len(self.events)
         own = np.stack([one.size[self.kept][index] for one in self.events])
         return made, prior, np.sqrt(np.sum((own * weight) ** 2, axis=0))
 
     def judged(self, laws: Sequence[Law], beside: Sequence[Law]) -> list[tuple]:
         """(gain, independent parameters, score, likeliest size over its prior, law) of laws of one cause."""
+        beside = self.beside(beside, laws[0].cause)
         frame, found = self._frame(laws[0].cause, beside), {}
         for many in {law.weights.shape[1] for law in laws}:
             alike = [k for k, law in enumerate(laws) if law.weights.shape[1] == many]
@@ -243,7 +261,7 @@ class Search:
         ways = (self._split, lambda law: law.scope == "epochs"), (self._parted, lambda law: len(_alone(law)) > 0)
         for more, grows in ways:
             last = max((r for r in rows if grows(r[4])), default=None, key=lambda r: r[2])
-            while last and (options := more(last[4])):
+            while last and (options := more(last[4], beside)):
                 found = max(self.judged(options, beside), key=lambda r: r[2])
                 if found[2] <= last[2] + self.tie:
                     break
@@ -251,17 +269,18 @@ class Search:
                 last = found
         return rows
 
-    def _split(self, law: Law) -> list[Law]:
+    def _split(self, law: Law, _) -> list[Law]:
         """The law with one more change point."""
         count, cuts = len(self.events), np.flatnonzero(np.any(np.diff(law.weights, axis=0), axis=1)) + 1
         near = {j + k for j in (0, *cuts, count) for k in (-1, 0, 1)}  # a range of one event contradicts, see below
         places = [k for k in range(count) if k not in near] if cuts.size < CUTS else []
         return [self.ranges(law.cause, (*cuts, k), law.odds - 2 * np.log(count - 1)) for k in places]
 
-    def _parted(self, law: Law) -> list[Law]:
-        """The law with values of its own for one more event."""
-        names, known = [one.name for one in self.events], _alone(law)
-        return [self.apart(law, k) for k, name in enumerate(names) if name not in known] * (len(known) < self.strange)
+    def _parted(self, law: Law, beside: Sequence[Law]) -> list[Law]:
+        """The law with values of its own for one more event, of those that the others foretell worst."""
+        found = self.foretold([*beside, self.plain(law)], _alone(law))
+        found = sorted((row[2], k) for k, row in enumerate(found) if self.events[k].name not in _alone(law))
+        return [self.apart(law, k) for _, k in found[:PARTED]] * (len(_alone(law)) < self.strange)
 
     def run(self) -> Result:
         """Rounds: the best significant law of any cause, until there is none; then ties and offsets."""
@@ -306,13 +325,14 @@ class Search:
             if self.judged([law], others)[0][2] <= 0:
                 scales = [size for one, size in zip(shared, scales, strict=True) if one is not law]
                 shared, named = others, [row for row in named if row[0].cause != law.cause]
-        value, covariance = self._values(shared, scales)
+        every = self.beside(shared)
+        value, covariance = self._values(every, [*scales, *[np.inf] * (len(every) - len(shared))])
         ends, found = np.cumsum([0, *(law.weights.shape[1] * self.places[law.cause].size for law in shared)]), []
         order = {law.cause: k for k, law in enumerate(shared)}
         for law, _size in named:
             k = order.get(law.cause)
             mine = law if k is None else shared[k]
-            others = [one for one in shared if one is not mine]
+            others = self.beside([one for one in shared if one is not mine], law.cause)
             gain, dof, score = chance[law.cause][1:] if k is None else self.judged([mine], others)[0][:3]
             part = slice(0, 0) if k is None else slice(ends[k], ends[k + 1])
             shape = mine.weights.shape[1], self.places[law.cause].size
@@ -322,7 +342,8 @@ class Search:
             one = Named(mine, gain, dof, chance[law.cause][0], score, held, **words, apart=apart)
             found.append(replace(one, ties=self._ties(one, others)) if k is not None else one)
         each = [(law.cause, size) for law, size in named if law.scope == "each"]
-        offset, spread = self._offsets(shared, value, covariance, each)
+        offset, spread = self._offsets(every, value, covariance, each)
+        covariance = covariance[: ends[-1], : ends[-1]]
         alone = self._offsets([], np.zeros(0), np.zeros((0, 0)), ())
         error = np.sqrt(np.einsum("ipip->ip", alone[1]))
         return Result(found, covariance, offset, spread, np.stack([alone[0], error], axis=2), contradicting, tried)
@@ -336,7 +357,8 @@ class Search:
         covariance = np.linalg.inv(total[1:, 1:] + np.diag(1 / held**2)) if held.size else np.zeros((0, 0))
         value, ends = covariance @ total[1:, 0], np.cumsum([0, *many])
         for law, start, stop in zip(laws, ends[:-1], ends[1:], strict=True):
-            if largest := self.causes[law.cause].shared:  # a constant of all events, as likely at any size up to there
+            largest = self.causes[law.cause].shared
+            if largest and law.scope != SHARED:  # a constant of all events, as likely at any size up to there
                 constant = np.linalg.lstsq(law.weights, np.ones(len(self.events)))[0]
                 covariance[start:stop, start:stop] += largest**2 / 3 * np.outer(constant, constant)
         return value, covariance
@@ -366,12 +388,13 @@ class Search:
         first = made.shape[1] - law.weights.shape[1] * self.places[law.cause].size
         return attribution.held_out(made, np.arange(1, first), np.arange(first, made.shape[1]))
 
-    def foretold(self, laws: Sequence[Law]) -> list[tuple[float, int, float]]:
-        """(chi2, dof, log p) of what each event says of the values, against what the others foretell."""
+    def foretold(self, laws: Sequence[Law], out: Sequence[str] = ()) -> list[tuple[float, int, float]]:
+        """(chi2, dof, log p) of what each event says of the values, against what the others foretell, some left out."""
         made, prior, size = self.products(laws)
-        total, found, width = made.sum(axis=0), [], 1e2 * prior[1:]
-        for one in made:
-            own, rest = one[1:, 1:], total - one
+        count, found, width = [one.name not in out for one in self.events], [], 1e2 * prior[1:]
+        total = made[count].sum(axis=0)
+        for one, counts in zip(made, count, strict=True):
+            own, rest = one[1:, 1:], total - one * counts
             inverse = np.linalg.inv(rest[1:, 1:] + np.diag(1 / width**2))
             away = one[1:, 0] - own @ (inverse @ rest[1:, 0])
             spread = own + own @ inverse @ own
@@ -384,50 +407,40 @@ class Search:
 
     def _contradictions(self, laws):
         """Laws in which an event that the others do not foretell has values of its own, and these events."""
-        laws, found, count = list(laws), [], len(self.events)
-        shared = [k for k, law in enumerate(laws) if law.scope != "event"]
-        for k, one in enumerate(self.events):
-            if any(one.name in _alone(laws[j]) for j in shared):
-                plain = [self.without(laws[j], k) for j in shared]
-                found.append(self._contradiction(plain, k))
-        while shared and len(found) < self.strange:
-            named = {one["event"] for one in found}
-            rows = self.foretold([laws[j] for j in shared])
-            log_p, worst = min((p, k) for k, (_, _, p) in enumerate(rows) if self.events[k].name not in named)
-            if log_p + np.log(count) > np.log(self.level):
+        shared, count = [law for law in laws if law.scope != "event"], len(self.events)
+        names, plain, rows = {name for law in shared for name in _alone(law)}, [self.plain(law) for law in shared], []
+        while shared:
+            rows = [(one.name, *row) for one, row in zip(self.events, self.foretold(plain, names), strict=True)]
+            worst = min((row for row in rows if row[0] not in names), key=lambda row: row[3])
+            if len(names) >= self.strange or worst[3] + np.log(count) > np.log(self.level):
                 break
-            found.append(self._contradiction([laws[j] for j in shared], worst))
-            for j in shared:
-                laws[j] = self.apart(laws[j], worst)
-        return laws, found
+            names.add(worst[0])
+        for k, one in enumerate(self.events):
+            if one.name in names:
+                laws = [law if law.scope == "event" or one.name in _alone(law) else self.apart(law, k) for law in laws]
+        return laws, [
+            {"event": name, "chi2": chi2, "dof": dof, "p": min(1.0, float(np.exp(log_p)) * count)}
+            for name, chi2, dof, log_p in rows
+            if name in names
+        ]
 
-    def without(self, law: Law, event: int) -> Law:
-        """The law without values of its own for an event."""
-        label = f"{self.events[event].name} alone"
-        if label not in law.labels:
-            return law
-        kept = [k for k, one in enumerate(law.labels) if one != label]
-        weights = law.weights[:, kept].copy()
-        weights[event, 0] = 1.0
+    def plain(self, law: Law) -> Law:
+        """The law without values of their own for single events."""
+        kept = [k for k, label in enumerate(law.labels) if not label.endswith(ALONE)]
+        weights, places = law.weights[:, kept].copy(), [one.name in _alone(law) for one in self.events]
+        weights[places, 0] = 1.0
         return replace(law, weights=weights, labels=[law.labels[k] for k in kept])
-
-    def _contradiction(self, laws, event):
-        """How far an event is from what the others foretell."""
-        chi2, dof, log_p = self.foretold(laws)[event]
-        p = min(1.0, float(np.exp(log_p)) * len(self.events))
-        return {"event": self.events[event].name, "chi2": chi2, "dof": dof, "p": p}
 
     def _ties(self, one: Named, others):
         """Other causes beside one that was named, each in its form most like it, see `Named`."""
-        made, _, size = self.products([*others, one.law])
-        first = size.size - one.value.size
-        found = []
+        found, known = [], {self.slugs[law.cause] for law in (*others, one.law) if law.scope != SHARED}
         for k, cause in enumerate(self.causes):
-            if cause.slug in {self.slugs[law.cause] for law in (*others, one.law)}:
+            if cause.slug in known:
                 continue
-            swapped = replace(one.law, cause=k)
-            both, _, size = self.products([*others, one.law, swapped])
-            mine, theirs = slice(first, first + one.value.size), slice(first + one.value.size, size.size)
+            swapped, held = replace(one.law, cause=k), [law for law in others if self.slugs[law.cause] != cause.slug]
+            both, _, size = self.products([*held, one.law, swapped])
+            start = size.size - swapped.weights.shape[1] * self.places[k].size
+            mine, theirs, first = slice(start - one.value.size, start), slice(start, size.size), start - one.value.size
             gram = attribution.projected(both.sum(axis=0), np.arange(1, first))
             expected = attribution.misfit(gram, mine, one.value.ravel(), theirs, size) - one.dof
             observed = one.score - max(row[2] for row in (*self.best(k, others), *self.judged([swapped], others)))
@@ -471,7 +484,7 @@ class Search:
 
 def _alone(law):
     """Names of the events that have values of their own."""
-    return [label.removesuffix(" alone") for label in law.labels if label.endswith(" alone")]
+    return [label.removesuffix(ALONE) for label in law.labels if label.endswith(ALONE)]
 
 
 def _taken(grams, place, prior):

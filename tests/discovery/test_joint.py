@@ -74,16 +74,18 @@ def test_nothing_is_named_where_nothing_is_and_offsets_keep_their_errors(rng):
 
 @pytest.mark.parametrize(("delay", "named"), [(0.04, False), (0.113, True)])
 def test_an_error_that_all_events_may_share_is_no_cause_and_is_in_its_error(delay, named, rng):
-    """Edges that fall alike between two samples of 0.1 s in 16 events: 0.05 s is none, however well it is seen."""
+    """Edges alike between two samples of 0.1 s in 16 events: 0.05 s is none, nor a cause that looks like it by half."""
     made, slug = [], "timing.star_camera_delay"
     for k in range(16):
-        columns = 2.0 * rng.standard_normal((200, 4))
-        whole = np.column_stack([columns @ [1.0, -0.4, 0.1, delay] + rng.standard_normal(200), columns])
+        columns = 4.0 * rng.standard_normal((200, 5))
+        columns[:, 4] += columns[:, 3]
+        whole = np.column_stack([columns @ [1.0, -0.4, 0.1, delay, 0.0] + rng.standard_normal(200), columns])
         gram = whole.T @ whole
         about = f"grace-c-2020-01-{1 + k:02}", DAY_S * k, np.zeros(3), gram, np.sqrt(np.diag(gram))
-        made.append(evidence.Event(*about, [evidence.Cause(slug, "", ["delay"], ["s"], np.array([0.1]), 0.05)]))
+        other = evidence.Cause(SLUGS[1], "", NAMES[SLUGS[1]][:1], ["1"], np.array([0.05]))
+        made.append(evidence.Event(*about, [evidence.Cause(slug, "", ["delay"], ["s"], np.array([0.1]), 0.05), other]))
     found = joint.Search(made, 0.005, 9.0, 4).run().named
-    assert [one.law.scope for one in found] == ["constant"] * named
+    assert [(one.law.cause, one.law.scope) for one in found] == [(0, "constant")] * named
     if named:
         ((value,),), ((sigma,),) = found[0].value, found[0].sigma
         assert value == pytest.approx(delay, abs=0.04)
