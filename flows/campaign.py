@@ -6,7 +6,6 @@ starts. Nothing here imports Prefect before it is wanted: workers import this mo
 
 import collections
 import contextlib
-import functools
 import heapq
 import itertools
 import json
@@ -96,11 +95,10 @@ def failed_last(campaign, sources):
     """Sources of the events whose last run in this configuration failed, and of those that are refused."""
     name = campaign.one.flow.flow_name
     with location.configured(campaign.chosen.configuration):
-        refused = [isinstance(source, command.Refused) and source.status == "failed" for source in sources]
         return [
-            source
-            for source, is_refused in zip(sources, refused, strict=True)
-            if is_refused or history.failure(source.event, name)
+            one
+            for one in sources
+            if (isinstance(one, command.Refused) and one.status == "failed") or history.failure(one.event, name)
         ]
 
 
@@ -255,12 +253,9 @@ def _make_all(campaign, waiting, rows, listener):
         return row
 
     if campaign.workers == 0:
+        own = lambda number: heard(number, make(campaign, waiting[number], folder))  # noqa: E731
         for number, source in waiting.items():
-            one = functools.partial(make, campaign, source, folder)
-            if campaign.engine == "flow":
-                as_tasks({number: source}, lambda number, one=one: heard(number, one()))
-            else:
-                heard(number, one())
+            as_tasks({number: source}, own) if campaign.engine == "flow" else own(number)
         return None
     count = min(campaign.workers or os.cpu_count() or 1, len(waiting))
     with server.early(campaign.engine == "prefect") as begun, cluster(campaign, count) as client:

@@ -275,7 +275,7 @@ class Place:
         odds are. "falsely": the other is named without it.
         """
         search, rng = discover.as_calibration(self.one.name), np.random.default_rng(flights)
-        rows = {pair: [0, 0, 0] for pair in itertools.combinations(causes, 2)}
+        rows = {pair: np.zeros(3, dtype=int) for pair in itertools.combinations(causes, 2)}
         for k, slug in zip(range(flights), itertools.cycle(causes), strict=False):
             self.say(f"search {k + 1} of {flights}: {slug}")
             acts = {f"{slug}.{p.name}": float(rng.choice([-1, 1]) * p.prior_sigma) for p in effect(slug).parameters}
@@ -286,11 +286,7 @@ class Place:
                 if slug in pair:
                     (other,) = set(pair) - {slug}
                     right = any(slug in one and other not in one for one in sets)
-                    row[:] = (
-                        row[0] + 1,
-                        row[1] + right,
-                        row[2] + (not right and any(other in one for one in sets if slug not in one)),
-                    )
+                    row += 1, right, not right and any(other in one for one in sets if slug not in one)
             shutil.rmtree(self.folder / f"search-{k}")
         names = "flights", "separated", "falsely"
         return [{"causes": list(pair)} | dict(zip(names, map(int, row), strict=True)) for pair, row in rows.items()]

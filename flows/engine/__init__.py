@@ -46,10 +46,6 @@ class Unknown(GravcalError):
     """A flow asked for the content of a product that a plan does not make."""
 
 
-class FailsAgain(GravcalError):
-    """A flow has come to the stage at which its last run failed, and nothing has changed."""
-
-
 def flow(*, name):
     """Decorator that gives a function of stages the name under which it runs; called, it runs inline.
 
@@ -116,14 +112,11 @@ def left(body, *arguments, again=False):
         """A file of which there never was a product is not read, unless the last run failed: who makes one reads it."""
         name = call.unmade
         new = any(keys.is_file(item) for item in call.inputs) and store.newest_record(name.event, name.stage) is None
-        if new and not failure:
-            raise Unknown(f"{name.stage} was never made", event=call.event)
-        key = keys.key(stage.recipe(call)[0])
-        ref = stage.usable(key)
-        if not ref and failure and key == failure["failed_key"]:
-            raise FailsAgain(f"{name.stage} fails as before", event=call.event)
+        key = None if new and not failure else keys.key(stage.recipe(call)[0])
+        ref = key and stage.usable(key)
         if not ref:
-            raise Unknown(f"{name.stage} is to be made", event=call.event)
+            fails = key is not None and failure is not None and key == failure["failed_key"]
+            raise Unknown(f"{name.stage} is to be made", event=call.event, fails=fails)
         store.point(ref)
         found.append((call, ref))
         return ref
@@ -132,10 +125,8 @@ def left(body, *arguments, again=False):
     with stage.using(look_up):
         try:
             ref = body(*arguments)
-        except FailsAgain:
-            return Left(None, found, failure)
-        except Unknown:
-            return Left(None, found)
+        except Unknown as stop:
+            return Left(None, found, failure if stop.facts.get("fails") else None)
     return Left(None if ref.digest is None else ref, found)
 
 
@@ -178,7 +169,7 @@ def attempt(part):
     try:
         with stage.using(stage.inline) if computes else contextlib.nullcontext():
             return part()
-    except (Unknown, FailsAgain):
+    except Unknown:
         raise
     except GravcalError as error:
         return error

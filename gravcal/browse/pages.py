@@ -11,6 +11,7 @@ from gravcal import __version__, catalog
 from gravcal.browse import plots, series, store_index
 from gravcal.browse import timeline as years
 from gravcal.report import comparison
+from gravcal.report.documents import WITH_RESULT
 from gravcal.report.pages import environment, true_units
 from gravcal.report.plain import gps_text, quantity
 from gravcal.store import configurations, history, location
@@ -88,7 +89,7 @@ def _earlier(request, rows):
 
 def _delivered(document):
     """Whether a document, or None, holds a result."""
-    return (document or {}).get("status") in years.RESULTS
+    return (document or {}).get("status") in WITH_RESULT
 
 
 def compare(request):

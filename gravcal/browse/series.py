@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 from scipy.signal import welch
 
-from gravcal.report.figures import HANN
+from gravcal.report.figures import HANN, opened
 from gravcal.report.plain import gps_text
 from gravcal.store import product
 
@@ -261,11 +261,7 @@ def _ranges(x, y, bins, gap):
 
 def _broken(x, y):
     """Series with NaN put in where the coordinate jumps, so that no line bridges a gap."""
-    if x.size < 3:
-        return x, y
-    steps = np.diff(x)
-    at = np.flatnonzero(steps > GAP * _typical(x)) + 1
-    return np.insert(x, at, x[at - 1]), np.insert(y, at, np.nan)
+    return opened(x, y, GAP * _typical(x)) if x.size > 2 else (x, y)
 
 
 def _typical(x):

@@ -183,12 +183,9 @@ def siblings(found):
 
 def _record(folder):
     """Record of a product folder whose file is there, or None."""
-    if folder not in _known:
-        record = store.read_record(folder)
-        if record is None:
-            return None
+    if folder not in _known and (record := store.read_record(folder)):
         _known[folder] = record
-    return _known[folder] if (folder / "product.nc").is_file() else None
+    return _known.get(folder) if (folder / "product.nc").is_file() else None
 
 
 def _inside(path):

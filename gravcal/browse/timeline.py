@@ -9,9 +9,9 @@ from dataclasses import dataclass
 from gravcal import catalog
 from gravcal.browse import store_index
 from gravcal.errors import CatalogError
+from gravcal.report.documents import WITH_RESULT
 
 EPOCH = datetime.datetime(2000, 1, 1, 12)
-RESULTS = ("delivered", "questionable")
 CATALOGUE = (
     *("event", "calibration", "satellite", "date", "origin", "status"),
     *("quantity", "value", "sigma", "sigma_total", "unit", "verdict", "report", "document", "product"),
@@ -48,7 +48,7 @@ def points(calibration) -> list[Point]:
 def _values(calibration):
     """Rows of events of a calibration with a result, each with every value of it that is determined."""
     for row in store_index.results():
-        if row["calibration"] == calibration.name and (row["document"] or {}).get("status") in RESULTS:
+        if row["calibration"] == calibration.name and (row["document"] or {}).get("status") in WITH_RESULT:
             yield from ((row, one) for one in calibration.result(row["document"]) if one.value is not None)
 
 

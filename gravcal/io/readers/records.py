@@ -291,7 +291,7 @@ def decode(series, column: Column) -> np.ndarray:
 
 def _empty(table, n):
     """Arrays of so many records of fixed and optional columns, to be filled; absent values NaN."""
-    arrays = {c.name: np.zeros(n, dtype_of(c)) for c in table.columns if c.kind != "text"}
+    arrays = {c.name: np.zeros(n, dtype_of(c)) for c in table.columns}
     return arrays | {c.name: np.zeros(n, "S1") if c.kind == "c" else np.full(n, np.nan) for c in table.optional}
 
 
@@ -424,10 +424,7 @@ def parse_text(data: bytes, start: int, header_lines: int, table: Product, where
     "undecodable" (n,) bool says where bytes of a text column are not UTF-8. The header has ``start`` bytes.
     """
     if start == len(data):
-        arrays = {c.name: np.empty(0, dtype_of(c)) for c in table.columns}
-        return (
-            arrays | {c.name: np.empty(0) for c in table.optional} | {c.name: np.empty((0, 0)) for c in table.repeated}
-        )
+        return _empty(table, 0) | {c.name: np.empty((0, 0)) for c in table.repeated}
     if not data.endswith(b"\n"):
         line = data.count(b"\n") + 1
         refuse(f"{where}, line {line}", "a last line cut short", "a line end", "Fetch the file again.", line=line)
