@@ -1,11 +1,14 @@
 """Views of measured data on simulated records: hidden firings, leaks and steps found, clean data silent."""
 
 import json
+import re
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
+from benchmarks import measured
 from flows import discover as flow
 from flows import engine
 from gravcal import catalog
@@ -191,16 +194,19 @@ def test_the_published_table_asks_for_one_coupling_not_for_a_lag_or_a_scale(
     assert table.repeatability(printed.rows)[0] == pytest.approx(factor, abs=0.05)
     forms = [("", ""), ("accelerometer.angular_leak", "y_from_z"), ("accelerometer.current_leak", "y_from_y")]
     for (slug, name), left in zip([*forms, ("accelerometer.current_leak", "z_from_x")], chi2, strict=True):
-        best = np.inf
-        for one in [c for c in printed.candidates if c.cause == slug and c.form.startswith(name)] if slug else [None]:
-            rows = [
-                b.global_columns if one is None else np.column_stack([b.global_columns, c])
-                for b, c in zip(printed.blocks, printed.blocks if one is None else one.columns, strict=True)
-            ]
-            own = np.concatenate([b.channel == "table" for b in printed.blocks])
-            design, y = np.concatenate(rows)[own], np.concatenate([b.observed for b in printed.blocks])[own]
-            best = min(best, float(np.sum((y - design @ np.linalg.lstsq(design, y)[0]) ** 2)))
-        assert best == pytest.approx(left, abs=1)
+        assert printed.left(slug, name) == pytest.approx(left, abs=1)
+    yaws, pitches = (printed.apart(more) for name, more in measured.MORE.items() if "45" in name)
+    assert yaws < 1.1 * printed.apart() < 0.6 * pitches  # the current is the same at both latitudes
+
+
+def test_figures_of_days_that_are_not_at_hand_are_said_not_to_be_run(tmp_path, capsys, monkeypatch):
+    """Contract: a line for each, the rest beside what was said."""
+    monkeypatch.setattr(measured, "searched", lambda *_: {})
+    monkeypatch.setattr(measured, "VARIANTS", ("mtq",))
+    assert measured.measured(SimpleNamespace(out=None, data=tmp_path)) == []
+    lines = capsys.readouterr().out.partition("figures, and what was said of them")[2].splitlines()
+    assert sum(line.rstrip().endswith("a leak") and measured.MISSING in line for line in lines) == 2
+    assert any(re.match(r" +one offset alone +858 +858 1584", line) for line in lines)
 
 
 def test_errors_are_as_large_as_repeated_manoeuvres_differ(rng):

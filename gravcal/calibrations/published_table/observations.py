@@ -88,8 +88,8 @@ def euler_columns(alpha_b: np.ndarray) -> np.ndarray:
 
 
 @functools.lru_cache(maxsize=32)
-def arc(kind: str, latitude_class: str, heading: int, about: tuple) -> Arc:
-    """Manoeuvre in the middle of its area.
+def arc(kind: str, latitude_class: str, heading: int, about: tuple, latitude: float | None = None) -> Arc:
+    """Manoeuvre in the middle of its area, or at another latitude (deg).
 
     Parameters
     ----------
@@ -98,7 +98,8 @@ def arc(kind: str, latitude_class: str, heading: int, about: tuple) -> Arc:
     about : principal moments (3,) kg m2, dipole of a rod A m2, generation of the IGRF
     """
     moments, dipole, generation = about
-    rod, latitude, longitude = AREAS[kind, latitude_class]
+    rod, middle, longitude = AREAS[kind, latitude_class]
+    latitude = middle if latitude is None else latitude
     time = np.arange(-LENGTH_S / 2, LENGTH_S / 2, STEP_S)
     position = earth.position_from_geodetic(
         np.radians(latitude) + SPEED * time, np.full(time.size, np.radians(longitude)), np.full(time.size, HEIGHT_M)
@@ -200,6 +201,38 @@ class Table(Observations):
                 found[one.cause] = {"cause": one.cause, "form": one.form, "log_odds": odds}
         return sorted(found.values(), key=lambda one: -one["log_odds"])
 
+    def left(self, cause: str = "", form: str = "") -> float:
+        """Chi-square of the printed numbers beside one offset, and the best of the forms of a cause that begin so."""
+        (value, sigma, known), beside = self.printed, [np.zeros((len(self.rows), 3, 0))]
+        if cause:
+            beside = [one.columns for one in self._causes if one.cause == cause and one.form.startswith(form)]
+        return min(_misfit((value / sigma)[known], *_whitened(columns, sigma, known)) for columns in beside)
+
+    def apart(self, more: Sequence[tuple] = ()) -> float:
+        """Least chi-square expected of a current that leaks where yaw acceleration in a_y acts, as large as fitted.
+
+        Parameters
+        ----------
+        more : (kind, latitude class, deg of latitude, +1 or -1 where x points north or south) of manoeuvres flown
+            beside the table, with errors as those of their kind in it
+        """
+        value, sigma, known = self.printed
+        kinds = [(row["kind"], row["latitude_class"]) for row in self.rows]
+        alike = [[k for k, one in enumerate(kinds) if one == (kind, area)] for kind, area, *_ in more]
+        arcs = [arc(*one, 1, self.about) for one in kinds]
+        arcs += [arc(kind, area, heading, self.about, latitude) for kind, area, latitude, heading in more]
+        sigma = np.stack([*sigma, *(np.sqrt(np.mean(sigma[own] ** 2, axis=0)) for own in alike)])
+        known = np.stack([*known, *(known[own[0]] for own in alike)])
+        angular, current = (
+            next(one for one in _of_readings("", arcs, self.mean) if one.cause == f"accelerometer.{name}_leak")
+            for name in ("angular", "current")
+        )
+        offset, columns = _whitened(angular.columns, sigma, known)
+        y = (value / sigma[: len(value)])[known[: len(value)]]
+        both = np.column_stack([offset, columns[:, angular.names.index("y_from_z")]])
+        true = both[:, 3] * np.linalg.lstsq(both[: y.size], y)[0][3]
+        return min(_misfit(true, offset, one[:, None]) for one in _whitened(current.columns, sigma, known)[1].T)
+
     @functools.cached_property
     def _priors(self):
         """Number of the cause, place in it and plausible size of every parameter of a listed effect."""
@@ -225,6 +258,19 @@ class Table(Observations):
         low = [float(r["latitude_class"] == "low") * np.eye(3) for r in self.rows]
         found.append(Candidate("unknown:latitude", "offset differs at low latitude", [*"xyz"], ["m"] * 3, low))
         return found
+
+
+def _whitened(columns, sigma, known):
+    """Rows of the offset (n, 3), and of columns (3, q) m of each manoeuvre (n, q), over their errors."""
+    parts = zip([np.eye(3)] * len(columns), columns, strict=True)
+    rows = [np.column_stack(part) / s[:, None] for part, s in zip(parts, sigma, strict=True)]
+    return np.split(np.stack(rows)[known], [3], axis=1)
+
+
+def _misfit(observed, *columns):
+    """Chi-square that columns leave."""
+    beside = np.column_stack(columns)
+    return float(np.sum((observed - beside @ np.linalg.lstsq(beside, observed)[0]) ** 2))
 
 
 def repeatability(rows: list[dict]) -> tuple[float, int]:
