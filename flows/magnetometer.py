@@ -5,6 +5,7 @@ import functools
 from flows.calibration import Calibration, Discovery, of_one_satellite
 from flows.engine import flow
 from gravcal import catalog
+from gravcal.io import cdf
 from gravcal.store import results
 from tasks import common, magnetometer
 
@@ -17,13 +18,32 @@ def calibrate(source, chosen):
     found = estimated(chosen, records)
     checked = magnetometer.checks(records, found, **chosen.for_stage("checks"))
     found = magnetometer.model_error(found, *moved) if moved else found
-    return magnetometer.report(found, records, checked, event=source.event, settings=chosen.for_report())
+    published = [beside(source, chosen, records, found, file) for file in others(source)]
+    reported = (found, records, checked, *published)
+    return magnetometer.report(*reported, event=source.event, settings=chosen.for_report())
+
+
+def others(source):
+    """Files with the calibrated field of others."""
+    return cdf.files(source.folder, source.satellite, source.date)
+
+
+def beside(source, chosen, records, found, file):
+    """Calibrated field of others less ours."""
+    _, camera, orbit = _observed(source)
+    theirs = magnetometer.theirs(file, event=source.event)
+    settings = chosen.for_stage("estimate") | chosen.for_stage("align")
+    return magnetometer.beside(records, found, camera, orbit, theirs, **settings)
+
+
+def _observed(source):
+    files = [source.file(*names) for names in CALIBRATION.inputs.values()]
+    return [common.ingest(file, event=source.event) for file in files]
 
 
 def aligned(source, chosen):
     """Measured and reference field."""
-    files = [source.file(*names) for names in CALIBRATION.inputs.values()]
-    observed = [common.ingest(file, event=source.event) for file in files]
+    observed = _observed(source)
     torquers = catalog.satellite(source.satellite).settings()["dipole_per_current"]
     return magnetometer.align(*observed, dipole_per_current=torquers, **chosen.for_stage("align"))
 

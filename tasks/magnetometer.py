@@ -6,6 +6,8 @@ from tasks.stage import lazy, stage
 
 model = lazy("gravcal.calibrations.magnetometer.model")
 estimation = lazy("gravcal.calibrations.magnetometer.estimate")
+comparison = lazy("gravcal.calibrations.magnetometer.beside")
+cdf = lazy("gravcal.io.cdf")
 named_parameters = lazy("gravcal.calibrations.named_parameters")
 reports = lazy("gravcal.report.named_parameters")
 page = lazy("gravcal.calibrations.magnetometer.page")
@@ -37,10 +39,27 @@ def checks(aligned, found, **settings):
     return estimation.check(aligned, found, **settings)
 
 
-REPORTED = [f"magnetometer.{name}" for name in ("estimate", "align", "checks")]
+@stage(reads=["file"], writes="magnetometer.theirs", version=1)
+def theirs(file):
+    """Calibrated field of a CDF file."""
+    values, origin = cdf.read(file)
+    return schemas.build(KINDS["magnetometer.theirs"], values, origin=origin)
 
 
-@stage(reads=REPORTED, writes="magnetometer.report", version=1)
+READ = ["magnetometer.align", "magnetometer.estimate", "ingest", "ingest", "magnetometer.theirs"]
+
+
+@stage(reads=READ, writes="magnetometer.beside", version=1)
+def beside(aligned, found, camera, orbit, published, **settings):
+    """Calibrated field of others less ours, and the parameters that it implies."""
+    return comparison.compare(aligned, found, camera, orbit, published, **settings)
+
+
+REPORTED = [f"magnetometer.{name}" for name in ("estimate", "align", "checks", "beside")]
+
+
+@stage(reads=REPORTED, writes="magnetometer.report", version=2)
 def report(*products, event, settings):
-    """Result document and page."""
-    return reports.report(page.PAGE, *products, event=event, settings=settings)
+    """Result document and page; the field of others is the fourth product, if there is one."""
+    own = page.PAGE if len(products) < len(REPORTED) else page.BESIDE
+    return reports.report(own, *products, event=event, settings=settings)

@@ -1,5 +1,6 @@
 """Magnetometer against the reference field: recovery, what minutes leave open, and inputs that contradict."""
 
+import sys
 from pathlib import Path
 
 import commands
@@ -12,7 +13,9 @@ from flows.calibration import load
 from gravcal import catalog
 from gravcal.calibrations import named_parameters
 from gravcal.calibrations.magnetometer import estimate, model
-from gravcal.io import archive, readers, writers
+from gravcal.errors import ProductError
+from gravcal.io import archive, cdf, readers, writers
+from gravcal.physics import earth, magnetic, orbit_environment
 
 COUNT = 24
 LEVEL = 3e-4  # chance that a correct code fails, over all statistics of the study
@@ -69,6 +72,60 @@ def test_minutes_leave_open_what_they_do_not_determine(tmp_path):
     held = ("scale", "misalignment", "nonorthogonality", "external_field", "delay", "leak")
     settings = CHOSEN.for_stage("estimate") | {"held": held}
     assert list(estimate.estimate(records, **settings)["parameter"].values) == ["bias_x", "bias_y", "bias_z"]
+
+
+CDF = "GF1_OPER_FGM_ACAL_CORR_20200201T000000_20200201T235959_0201.cdf"
+
+
+def published(folder, strength, late=0.0):
+    """CDF file of the reference field, a ring current and 40 nT towards the centre, with tags late by seconds."""
+    cdflib = pytest.importorskip("cdflib")
+    observed = readers.read(archive.find(folder, "GNV1B", "C", DAY))
+    time = observed["gps_time"].values.astype(float)
+    position = np.stack([observed[name].values for name in ("xpos", "ypos", "zpos")], axis=1)
+    axis = np.matvec(earth.R_ei(time), orbit_environment.dipole_axis_i(time))
+    field_e = magnetic.field_e(time, position, 14) + strength * axis
+    field_n = np.matvec(np.swapaxes(earth.R_en_from_position(position, geocentric_down=True), 1, 2), field_e)
+    latitude, longitude, radius = earth.geocentric(position)
+    utc = cdflib.cdfepoch.compute_epoch([2020, 1, 31, 23, 59, 42, 0]) + 1e3 * (time - time[0] + late)  # 18 s behind GPS
+    columns = {"Timestamp": utc, "Latitude": np.degrees(latitude), "Longitude": np.degrees(longitude)}
+    columns |= {"Radius": radius, "B_NEC": 1e9 * field_n + [0, 0, 40]}
+    with cdflib.cdfwrite.CDF(folder / CDF, delete=True) as file:
+        file.write_globalattrs({"software_version": {0: "gravcal simulation"}})
+        for name, values in columns.items():
+            kind = cdflib.cdfwrite.CDF.CDF_EPOCH if name == "Timestamp" else cdflib.cdfwrite.CDF.CDF_DOUBLE
+            about = {"Variable": name, "Data_Type": kind, "Num_Elements": 1, "Rec_Vary": True}
+            file.write_var(about | {"Dim_Sizes": list(values.shape[1:])}, var_data=values)
+
+
+def test_the_calibrated_field_of_others_stands_beside_ours(tmp_path):
+    """Recovery: the true field and 40 nT along z; four sigma of a mean, 10 nT sqrt(2 x 60 / 7190)."""
+    truth = CALIBRATION.simulate(tmp_path, seed=4, settings={"duration_s": "7200"})["parameters"]
+    published(tmp_path, truth["external_field"])
+    document, ref = commands.run("magnetometer", tmp_path)
+    facts, theirs = document["facts"], document["theirs"]
+    sigma = {name: one["sigma"] for name, one in document["parameters"].items()}
+    assert (facts["theirs_records"], document["origin"]) == (7190, "simulated")
+    assert np.allclose(facts["theirs_less_ours_mean_nt"], [0, 0, 40], atol=5.2)
+    assert np.all(np.abs(facts["theirs_less_ours_rms_nt"] - np.hypot(facts["noise_nt"], [0, 0, 40])) < 5.2)
+    assert facts["theirs_from_orbit_m"] < 1
+    for name, one in theirs.items():
+        expected = truth[name] - (40e-9 if name == "bias_z" else 0)
+        assert abs(one["value"] - expected) < 4.5 * max(sigma[name], one["sigma"]), name
+    assert "Beside another calibration" in (ref.folder / "report.html").read_text()
+    published(tmp_path, truth["external_field"], late=18.0)  # GPS time where UTC is meant
+    with pytest.raises(ProductError, match="places 13. km from the orbit"):
+        commands.run("magnetometer", tmp_path)
+
+
+def test_a_cdf_file_that_cannot_be_read_says_why(tmp_path, monkeypatch):
+    """Contract: without cdflib the extra is named; of another day there is no file."""
+    (tmp_path / CDF).write_bytes(b"x")
+    (file,) = cdf.files(tmp_path, "C", DAY)
+    assert (cdf.files(tmp_path, "D", DAY), cdf.files(tmp_path, "C", "2020-02-02")) == ([], [])
+    monkeypatch.setitem(sys.modules, "cdflib", None)
+    with pytest.raises(ProductError, match=r"gravcal\[cdf\]"):
+        cdf.read(file)
 
 
 DIRECTION = "direction of the field against the reference"

@@ -73,7 +73,7 @@ def align(
         )
     time, values = time[inside], values[inside]
     quaternion = frames.continuous(quaternion)
-    field_at = _body_field(orbit_time, state[:, :3], sca_time, quaternion, igrf_generation)
+    field_at = body_field(orbit_time, state[:, :3], sca_time, quaternion, igrf_generation)
     model, axis = field_at(time)
     before, after = np.maximum(time - 0.5, sca_time[0]), np.minimum(time + 0.5, sca_time[-1])
     slope = (field_at(after)[0] - field_at(before)[0]) / (after - before)[:, None]
@@ -143,7 +143,7 @@ def late(aligned: xr.Dataset, camera_limit_s: float, delay_limit_s: float) -> di
     return found
 
 
-def _body_field(orbit_time, position_e, sca_time, quaternion, generation):
+def body_field(orbit_time, position_e, sca_time, quaternion, generation):
     """Reference field and direction of the main dipole in the body: function of time."""
     to_inertial = np.swapaxes(earth.R_ei(orbit_time), 1, 2)
     field_i = CubicSpline(orbit_time, np.matvec(to_inertial, magnetic.field_e(orbit_time, position_e, generation)))

@@ -1,10 +1,13 @@
 """Report of a day of a magnetometer: its product, its result document, and the page."""
 
+from dataclasses import replace
+
 import numpy as np
 
 from gravcal.report.figures import AXIS, COLOURS, grid, thinned
 from gravcal.report.named_parameters import Page
-from gravcal.report.pages import Section, figure
+from gravcal.report.pages import Section, Table, figure
+from gravcal.report.plain import NOT_DETERMINED, measured
 
 NOTES = (
     "Measured less reference field is bias, scale and axes out of square in the field of the instrument, a small turn "
@@ -50,3 +53,63 @@ def _field(found):
 PAGE = Page(
     "magnetometer", "Magnetometer", "Magnetometer against the reference field", ("estimate", "align", "checks"), content
 )
+
+
+THEIRS = (
+    "Another's calibrated field of the same day, turned into the body by our orbit and attitude, against ours: the "
+    "reading less what the instrument adds by our parameters. Of theirs: the same parameters with their field in place "
+    "of the reference field, as their own of the month come in no daily file. The reader of these files is made "
+    "by their published description and was not tested on a real one."
+)
+
+
+def content_beside(products):
+    """The same, with the calibrated field of others."""
+    facts, sections = content(products)
+    found = products["beside"]
+    difference = 1e9 * found["difference_b"].values
+    facts |= {
+        "theirs_records": int(found.sizes["time"]),
+        "theirs_less_ours_mean_nt": difference.mean(axis=0).tolist(),
+        "theirs_less_ours_rms_nt": np.sqrt(np.mean(difference**2, axis=0)).tolist(),
+        "theirs_less_reference_rms_nt": (1e9 * np.sqrt(np.mean(found["theirs_b"].values ** 2, axis=0))).tolist(),
+        "theirs_from_orbit_m": float(found["apart"]),
+    }
+    rows, names = [], ("parameter", "unit", "own_value", "own_sigma", "value", "sigma")
+    for name, unit, *numbers in zip(*(found[one].values for one in names), strict=True):
+        ours, theirs = (_cells(*numbers[k : k + 2], unit) for k in (0, 2))
+        rows.append([str(name).replace("_", " "), *ours, *theirs])
+    heads = ["parameter", "ours ± σ", "unit", "theirs ± σ", "unit"]
+    tables = [Table("Our parameters, and those that their field implies.", heads, rows, ("beside",), (0, 2, 4))]
+    return facts, [*sections, Section("Beside another calibration", tables, [_beside], (THEIRS,))]
+
+
+def _cells(value, sigma, unit):
+    return measured(float(value), float(sigma), str(unit)) if np.isfinite(value) else (NOT_DETERMINED, "")
+
+
+def more_beside(products):
+    """Parameters that the field of others implies, and a sentence on the difference."""
+    found = products["beside"]
+    names = zip(*(found[one].values for one in ("parameter", "unit", "value", "sigma")), strict=True)
+    implied = {
+        str(n): {"value": float(v), "sigma": float(s), "unit": str(u)} if np.isfinite(v) else None
+        for n, u, v, s in names
+    }
+    difference = 1e9 * found["difference_b"].values
+    texts = [f"{one:.1f}" for one in np.sqrt(np.mean(difference**2, axis=0))]
+    said = f" Another calibration's field less ours: rms {', '.join(texts)} nT in x, y, z."
+    return {"theirs": implied}, said
+
+
+@figure("beside", caption="Calibrated field of others less ours, by axis.")
+def _beside(found):
+    labels = {"xlabel": "minutes", "ylabels": ("theirs less ours, nT",)}
+    figure, ((panel,),) = grid(1, 1, 2.4, **labels)
+    minutes = (found["time"].values - found["time"].values[0]) / 60
+    for index, axis in enumerate("xyz"):
+        panel.plot(*thinned(minutes, 1e9 * found["difference_b"].values[:, index]), label=axis, **AXIS[axis])
+    return figure
+
+
+BESIDE = replace(PAGE, products=(*PAGE.products, "beside"), content=content_beside, more=more_beside)
