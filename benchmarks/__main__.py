@@ -30,6 +30,7 @@ NAMES = {
     "degrees": ("gradient_torque", "degrees", ""),
     "ranging": ("ranging", "ranging", ""),
     "measured": ("measured", "measured", ""),
+    "papers": ("papers", "papers", ""),
     "published_methods": ("published_methods", "published_methods", ""),
     "many": ("many", "many", ""),
     "fuzz": ("fuzz", "fuzz", ""),

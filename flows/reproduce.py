@@ -34,25 +34,29 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
     """Document of a paper reproduced in a folder: data, a store of its own, both reports, page and tables.
 
     Days come from an archive (``place``), lie in the folder ``data``, or are simulated with the printed values as
-    truth, which a paper without public data always is. A table of many dates has those that are at hand or simulated.
+    truth, which a paper without public data always is. A table of many dates has those that are there.
     """
     paper, one = papers()[name], command.record(name)
     made = simulated or not (paper["public"] or data)
     out.mkdir(parents=True, exist_ok=True)
     folder = data or out / "data"
     if made:
-        archive.check_own(folder)
-        for seed, day in enumerate(paper["days"], 1):
-            one.simulate(folder, seed=seed, truth=out / f"truth_{day}.json", settings=paper["simulate"] | {"date": day})
+        invent(name, folder, out / "dates", out)
     elif data is None:
-        days = [datetime.date.fromisoformat(day) for day in paper["days"]]
-        archives = [archive for day in days for archive in fetch.of_day(paper["letters"], day)]
-        fetch.fetch(archives, folder, place, listener, fetch.Patience(tell=tell))
+        _fetch(paper, _dates(one, paper), folder, (place, listener, fetch.Patience(tell=tell)))
     date = paper["days"][0] if paper["public"] and len(paper["days"]) == 1 else None
     with other_store(str(out / "store")):  # simulated days bear the names of measured ones
         found = {run: [_run(one, paper, run, folder, paper["satellite"], date, out / run)] for run in RUNS}
-        for item in (item for item in paper["tables"] if "truth" in item):
-            _dates(one, paper, item, out / "dates" if made else folder, made, found)
+        at_hand = {days[1:]: days[0] for days in (() if made else one.days(folder))}
+        for letter, day, *_ in _dates(one, paper):
+            where = out / "dates" / f"{letter}-{day}" if made else at_hand.get((letter, day))
+            try:
+                documents = {run: _run(one, paper, run, where, letter, day) for run in RUNS if where}
+            except GravcalError as error:
+                engine.warn(f"{letter} {day} left out: {error}")
+                continue
+            for run, document in documents.items():
+                found[run].append(document)
     documents = {run: own for run, (own, *_) in found.items()}
     items = [_compared(one, item, found) for item in paper["tables"]]
     items += [item | {"rows": []} for item in paper["figures"]]
@@ -93,24 +97,39 @@ def _run(one, paper, run, folder, satellite, date, out=None):
     return document
 
 
-def _dates(one, paper, item, folder, made, found):
-    """Add documents of the dates of a table: each simulated with what is printed for it as truth, or at hand."""
-    at_hand = {} if made else {days[1:]: days[0] for days in one.days(folder)}
-    for seed, record in enumerate(catalog.published(one.name)[item["section"]], 101):
-        if any(document["event"] in record.events for document in found["corrected"]):
-            continue
-        letter, date = catalog.event(record.events[0]).letters, record.date
-        where = folder / f"{letter}-{date}" if made else at_hand.get((letter, date))
-        if made:
-            truth = {item["truth"]: ",".join(map(str, record.value)), "satellite": letter, "date": date}
-            one.simulate(where, seed=seed, settings=paper["simulate"] | item["simulate"] | truth)
+def invent(name, folder, dates, truth):
+    """Simulate the days of a paper into a folder, those of its tables into one each; the truth into a third one."""
+    paper, one = papers()[name], command.record(name)
+    archive.check_own(folder)
+    for seed, day in enumerate(paper["days"], 1):
+        one.simulate(folder, seed=seed, truth=truth / f"truth_{day}.json", settings=paper["simulate"] | {"date": day})
+    for letter, day, seed, settings in _dates(one, paper):
+        one.simulate(dates / f"{letter}-{day}", seed=seed, settings=settings)
+
+
+def _dates(one, paper):
+    """Satellite, date, seed and settings, printed values as truth, of each date of a table; not of its own days."""
+    seen = {(paper["satellite"], day) for day in paper["days"]}
+    for item in (item for item in paper["tables"] if "truth" in item):
+        for seed, record in enumerate(catalog.published(one.name)[item["section"]], 101):
+            letter, day = catalog.event(record.events[0]).letters, record.date
+            if (letter, day) not in seen:
+                seen.add((letter, day))
+                truth = {item["truth"]: ",".join(map(str, record.value)), "satellite": letter, "date": day}
+                yield letter, day, seed, paper["simulate"] | item["simulate"] | truth
+
+
+def _fetch(paper, dates, folder, how):
+    """Bring the days of a paper, without which it cannot be made, and those dates of its tables that there are."""
+    days = [(paper["letters"], day) for day in paper["days"]]
+    for wanted, needed in ((days, True), ([one[:2] for one in dates], False)):
+        of_days = [fetch.of_day(letters, datetime.date.fromisoformat(day)) for letters, day in wanted]
         try:
-            documents = [_run(one, paper, run, where, letter, date) for run in RUNS if where]
+            fetch.fetch(list(dict.fromkeys(sum(of_days, []))), folder, *how)
         except GravcalError as error:
-            engine.warn(f"{record.events[0]} left out: {error}")
-            continue
-        for run, document in zip(RUNS, documents, strict=False):
-            found[run].append(document)
+            if needed:
+                raise
+            engine.warn(f"dates left out: {error}")
 
 
 def _compared(one, item, found):
