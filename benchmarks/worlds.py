@@ -33,7 +33,6 @@ ALIKE = {"roll": "swing", "second_roll": "second_swing"}  # kinds whose table is
 NOT_DRAWN = ("accelerometer.offset", "ranging.phase_centre", "ranging.antenna_correction", "timing.thruster_delay")
 NOT_DRAWN += ("magnetometer.temperature_bias", "magnetometer.temperature_scale")  # of days
 FIXED = ("time", "frequency", "phase", "damping", "period")
-FIRST = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0, "period": 0.021}
 TABLE = tomllib.loads((ROOT / "benchmarks" / "worlds.toml").read_text())
 KINDS = {kind: (world, name) for world, kinds in TABLE["kinds"].items() for kind, name in kinds.items()}
 
@@ -133,7 +132,7 @@ def _own(entry):
     """A plausible size of one parameter or of all, the whole strength scaled."""
 
     def draw(rng):
-        values = {p.name: FIRST.get(p.name, float(p.prior_sigma * rng.standard_normal())) for p in entry.parameters}
+        values = entry.plausible(rng.standard_normal)
         sizes = sorted(set(values) - {*FIXED, "tau", "limit"})
         kept = sizes if rng.integers(2) or not sizes else [sizes[rng.integers(len(sizes))]]
         values = {n: v for n, v in values.items() if n in kept or n not in sizes}

@@ -138,7 +138,7 @@ class Calibration:
     trims: bool = False  #: True if a time line shows the mass trims of its satellite
     band: float | None = None  #: limit that a time line draws about zero, or None
     design: str | None = None  #: name of the design of an event found in data, None if it has none
-    library: Callable | None = None  #: limits of a design -> manoeuvres to choose from, as tables of one
+    library: Callable | None = None  #: limits of a design, causes -> manoeuvres to choose from, as tables of one
     #: numbers of the satellite, settings of the simulation, day -> share of orbits that have room for numbers of each
     room: Callable | None = None
     information: Callable | None = None  #: products of `Discovery` -> (k, p, p) SI of each manoeuvre, beside `library`

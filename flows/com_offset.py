@@ -28,7 +28,7 @@ LIMITS = {
     "latitude_deg": ([-85.0, 85.0], "south and north end of where manoeuvres may be"),
     "duration_s": (180.0, "length of a manoeuvre"),
     "period_s": (12.0, "of the square wave; detection looks for this one"),
-    "current_ma": (110.0, "amplitude of the square wave"),
+    "current_ma": ([110.0, 55.0], "amplitudes of the square wave; the lower ones for causes that bend with it"),
     "spacing_s": (1100.0, "shortest time between two starts; the quiet pieces on both sides need 1020"),
     "windows": ("", "times of the day in which manoeuvres may be, such as '02:10-04:00, 05:40-07:15'; empty: all"),
     "most": (99, "manoeuvres with one rod in one belt of latitude"),
@@ -173,7 +173,7 @@ CALIBRATION = Calibration(
     band=100.0,  # um, requirement on the offset
     design="com_offset_session",
     room=lambda *about: importlib.import_module(SIMULATION).room(*about),
-    library=lambda limits: importlib.import_module(SIMULATION).library(limits),
+    library=lambda *about: importlib.import_module(SIMULATION).library(*about),
     limits=LIMITS,
     noise=("com_offset.noise",),
     measured_noise=lambda *about: importlib.import_module(SIMULATION).measured_noise(*about),

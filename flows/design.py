@@ -62,7 +62,7 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
     for slug in causes:
         effect(slug)  # raises where there is none
     usual = sum(m.count * m.duration_s for m in catalog.design(one.design).manoeuvres) / 60
-    chosen = configurations.chosen(name, {})
+    chosen = chosen_for(name, limits)
     noise = noise_of(one, satellite, chosen)
     with tempfile.TemporaryDirectory(prefix="gravcal-design-") as folder, other_store(str(Path(folder) / "store")):
         place = Place(one, Path(folder), satellite, date, limits, chosen, say, noise["settings"])
@@ -90,6 +90,12 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
         )
         output.write_json(document, Path(out) / "design.json")
     return document
+
+
+def chosen_for(name, limits):
+    """Settings of a calibration that looks for manoeuvres of the period of the limits, where it looks for one."""
+    chosen = configurations.chosen(name, {})
+    return chosen.with_settings({n: limits[n] for n in {"period_s"} & set(chosen.entries) & set(limits)})
 
 
 def noise_of(one, satellite, chosen):
@@ -131,7 +137,7 @@ class Place:
         if count < 1:
             expected = f"at least one manoeuvre of {limits['duration_s']} s"
             refuse("--budget", f"{minutes} minutes", expected, "Give more.")
-        tables = [table | {"count": 1} for table in self.one.library(limits)]
+        tables = [table | {"count": 1} for table in self.one.library(limits, causes)]
         pairs, tied = list(itertools.combinations(causes, 2)), self.tied
         flights, published = [], []
         for seed in range(1, 2 * FLIGHTS + 1):
@@ -278,7 +284,8 @@ class Place:
         rows = {pair: np.zeros(3, dtype=int) for pair in itertools.combinations(causes, 2)}
         for k, slug in zip(range(flights), itertools.cycle(causes), strict=False):
             self.say(f"search {k + 1} of {flights}: {slug}")
-            acts = {f"{slug}.{p.name}": float(rng.choice([-1, 1]) * p.prior_sigma) for p in effect(slug).parameters}
+            sizes = effect(slug).plausible(lambda: rng.choice([-1, 1]))
+            acts = {f"{slug}.{name}": value for name, value in sizes.items()}
             source, _ = self.flight(f"search-{k}", plan, 201 + k, effects=acts)
             findings = search.document(search.flow(source, self.chosen))["findings"]
             sets = [{one["cause"], *one["tied_with"]} for one in findings]

@@ -26,6 +26,10 @@ CHANNELS = {
 }
 
 
+#: Values of parameters that bend a law, where it is found: s, 1, rad, A m2, rad.
+USUAL = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0, "period": 0.021}
+
+
 @dataclass(frozen=True)
 class Parameter:
     """One number of an effect."""
@@ -74,6 +78,11 @@ class Effect:
     linear: bool = True  #: the contribution is proportional to the parameters
     #: context -> derivative by each parameter, last axis, where it is known in closed form
     jacobian: Callable[[Context], np.ndarray] | None = None
+
+    def plausible(self, share: Callable[[], float]) -> dict[str, float]:
+        """Values by name at shares of the plausible sizes; what bends the law is as it usually is."""
+        sizes = ((p.name, float(p.prior_sigma * share())) for p in self.parameters)
+        return {name: USUAL.get(name, size) for name, size in sizes}
 
     def values(self, given: Mapping[str, float]) -> np.ndarray:
         """Parameter values in order from SI values by name, neutral where not given."""

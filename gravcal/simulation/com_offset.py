@@ -279,12 +279,19 @@ def _motion(steps, around, scene, states, control, added):
     )
 
 
-def library(limits: Mapping) -> list[dict]:
+def library(limits: Mapping, causes=()) -> list[dict]:
     """Manoeuvres that may be flown within some limits, as tables of a design: every rod where it turns the satellite.
 
+    What a manoeuvre tells grows with the square of its current; only causes that are not linear need more than one.
+
+    Parameters
+    ----------
     limits : duration_s, period_s, current_ma, rods, latitude_deg as of `gravcal design --constraints`
+    causes : that are to be told apart
     """
     made, (south, north) = [], limits["latitude_deg"]
+    currents = sorted(np.atleast_1d(limits["current_ma"]).tolist(), reverse=True)
+    currents = currents if any(not effect(slug).linear for slug in causes) else currents[:1]
     for middle in range(-75, 90, 15):
         if not south <= middle - 5 <= middle + 5 <= north:
             continue
@@ -292,8 +299,9 @@ def library(limits: Mapping) -> list[dict]:
         useful = {"x": abs(middle) >= 30, "y": True, "z": abs(middle) <= 60}
         for rod in (one for one in limits["rods"] if useful[one]):
             kind = "pitch" if rod != "y" else "roll" if abs(middle) >= 45 else "yaw"
-            fixed = {name: limits[name] for name in ("duration_s", "period_s", "current_ma")}
-            made.append({"kind": kind, **fixed, "rod": rod, "latitude_deg": [middle - 5.0, middle + 5.0]})
+            fixed = {"kind": kind, "duration_s": limits["duration_s"], "period_s": limits["period_s"]}
+            where = {"rod": rod, "latitude_deg": [middle - 5.0, middle + 5.0]}
+            made += [fixed | {"current_ma": current} | where for current in currents]
     return made
 
 

@@ -133,6 +133,7 @@ def manoeuvres(aligned: xr.Dataset, field_: xr.Dataset, smoothed: xr.Dataset, of
     """
     per_current = np.asarray(settings["dipole_per_current"])
     found = motion.windows(aligned, field_, settings["inertia"], per_current, settings["dynamics"] == "full")
+    settings = settings | {"largest_dipole": max((float(np.abs(w.arc.dipole_b).max()) for w in found), default=0.0)}
     made = [_manoeuvre((aligned, field_, smoothed), i, w, (offset, noise), settings) for i, w in enumerate(found)]
     return [one for one in made if one is not None]
 
@@ -175,7 +176,7 @@ def _manoeuvre(products, index, window, estimates, settings):
         inertia_b=window.arc.inertia,
         start=aligned["start"].values,
         stop=aligned["stop"].values,
-        extra={"mass": settings["mass"]},
+        extra={name: settings[name] for name in ("mass", "largest_dipole")},
     )
     context = _context(window, seen, bare, orbit, time)
     torque = np.cross(context.dipole_b, context.field_b)
@@ -214,6 +215,7 @@ def _context(window, shift, base, orbit, time):
     same = time.size == base.time.size and np.array_equal(time, base.time)
     thin = lambda v: v if same else np.stack([np.interp(time, base.time, c) for c in v.T], axis=1)  # noqa: E731
     R_bi = attitude_at(window, time)
+    environment = orbit_environment.extras(time, *orbit, R_bi, base.extra["mass"], np.array([6e-8, 0.0, 0.0]))
     return replace(
         base,
         time=time,
@@ -224,7 +226,7 @@ def _context(window, shift, base, orbit, time):
         field_b=field_at(window.arc, time, R_bi),
         linear_b=None,
         angular_b=None,
-        extra=orbit_environment.extras(time, *orbit, R_bi, base.extra["mass"], np.array([6e-8, 0.0, 0.0])),
+        extra=environment | {"largest_dipole": base.extra["largest_dipole"]},
     )
 
 

@@ -42,6 +42,7 @@ UNITS = {"linear": "m s-2", "angular": "rad s-2"}
 MODE_STEP_HZ = 0.02
 MODES_HZ = np.arange(0.10, 0.80, MODE_STEP_HZ)
 STEP_S = 2.0  # over which the field is differentiated
+REACHED = 0.9  # share of the largest dipole of a session above which a rod may saturate
 AT_ONCE = 12  # forms that go through the operators together: with more, their samples leave the cache
 DAMPING = 0.02  # of a flexible mode, while its frequency is looked for
 BEYOND_S = 10.0  # of a manoeuvre, in which records are still turned back
@@ -172,9 +173,9 @@ def _torque_of(entry, values_of):
 
 
 def _clipped(context):
-    """Torque per dipole missing at full dipole: what saturation takes from the square wave."""
-    largest = np.abs(context.dipole_b).max()
-    missing = np.where(np.abs(context.dipole_b) > 0.5 * largest, np.sign(context.dipole_b), 0.0)
+    """Torque per dipole missing at full dipole: what saturation takes from the square waves of the largest current."""
+    full = np.abs(context.dipole_b) > REACHED * context.extra["largest_dipole"]
+    missing = np.where(full, np.sign(context.dipole_b), 0.0)
     return np.cross(missing, context.field_b)[..., None]
 
 
