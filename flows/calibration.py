@@ -53,7 +53,7 @@ class Discovery:
     result: Callable | None = None
     #: (source, chosen, with limits or not) -> report of a discovery that is made of those of others; None: of its own
     together: Callable | None = None
-    masses: tuple[str, ...] = ()  #: Level-1 products with the fuel, which causes and parameters may follow
+    housekeeping: tuple[str, ...] = ()  #: Level-1 products with fuel and temperatures, which causes may follow
 
     @staticmethod
     def chosen_for(chosen) -> tuple[dict, dict]:

@@ -152,7 +152,7 @@ DISCOVERY = Discovery(
     products=with_torquers,
     again=1,
     result=combined,
-    masses=("MAS1B",),
+    housekeeping=("MAS1B", "AHK1B"),
 )
 CALIBRATION = Calibration(
     name="com_offset",

@@ -1,5 +1,6 @@
 """Discovery: what the simulation of an event gets wrong, the cause, the extended model, the gain."""
 
+import contextlib
 import functools
 import itertools
 from dataclasses import dataclass, replace
@@ -8,6 +9,7 @@ from flows import calibration as calibrations
 from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
+from gravcal.errors import ProductError
 from gravcal.store import results
 from tasks import common, discovery
 
@@ -104,8 +106,11 @@ def _evidence(one: Calibration, source, chosen):
     products = looked.baseline(source, chosen)
     settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
     about = {"calibration": one.name, "observations": looked.observations, "names": list(products)}
-    masses = [common.ingest(file, event=source.event) for file in source.files(*looked.masses)] if looked.masses else ()
-    return discovery.evidence(*products.values(), *masses, **about, settings=settings, event=source.event)
+    told = []
+    for file in source.files(*looked.housekeeping) if looked.housekeeping else ():
+        with contextlib.suppress(ProductError):  # what cannot be read is not followed, which the search says
+            told.append(common.ingest(file, event=source.event))
+    return discovery.evidence(*products.values(), *told, **about, settings=settings, event=source.event)
 
 
 def names() -> tuple[str, ...]:

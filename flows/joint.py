@@ -48,7 +48,7 @@ def _of_one(name, satellite, rows, chosen, left_out):
     """Document, files and changes of the search over the events of one satellite, or of one pair."""
     one, letter = calibrations.load(name), satellite[0]
     settings = {"configuration": chosen.configuration, "left_out": left_out}
-    about = {"event": catalog.satellite(letter).name, "satellite": satellite, "calibration": name}
+    about = {"event": owner(one, satellite), "satellite": satellite, "calibration": name}
     last = store.newest_record(about["event"], f"{name}.joint")
     before = document(store.folder_of(last["key"])) if last else {}
     with using(inline):
@@ -63,6 +63,11 @@ def _of_one(name, satellite, rows, chosen, left_out):
     files = [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
     after = document(ref.folder)
     return after, files, report.changes(before, after)
+
+
+def owner(one, satellite):
+    """Name of what the events of a calibration are of: a satellite, or a pair."""
+    return catalog.satellite(satellite).name if len(satellite) == 1 else f"{one.mission}-{satellite.lower()}"
 
 
 def document(folder):

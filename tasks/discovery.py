@@ -81,9 +81,9 @@ def report(found, *combined, calibration, observations, event, satellite, settin
     return report_science.report(found, *combined, settings=settings, reported=reported, **named)
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=3, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=4, also=["{observations}"])
 def evidence(*products, calibration, observations, names, settings):  # noqa: ARG001 - it names the product
-    """What an event tells of the causes of the catalogue, for a search over many events; masses after the products."""
+    """What an event tells of the causes of the catalogue, for a search over many; housekeeping after the products."""
     observed = observations_of(products[: len(names)], observations, names, settings)
     return evidence_science.evidence(observed, *products[len(names) :])
 

@@ -17,6 +17,10 @@ from gravcal.errors import refuse
 from gravcal.estimation.moving import YEAR_S
 from gravcal.estimation.records import Observations, slug_of
 
+#: What causes may follow from event to event, where every event tells it.
+QUANTITIES = ("year", "beta_deg", "latitude_deg", "fuel_kg", "fuel_difference_kg", "temperature_c")
+THERMOMETERS = ("TSU_Y_plus", "TSU_Y_minus", "TSU_Z_plus", "TSU_Z_minus")
+
 
 @dataclass(frozen=True)
 class Cause:
@@ -44,10 +48,10 @@ class Event:
     measured: Mapping[str, float] = field(default_factory=dict)  #: quantities of the event that a cause may follow
 
 
-def evidence(observed: Observations | None, *masses: xr.Dataset) -> xr.Dataset:
+def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dataset:
     """Product of what an event tells, of all listed causes with all their parameters, in every form.
 
-    `masses` is the MAS1B of the event, where it is at hand: causes and the calibration may follow the fuel.
+    `housekeeping` is MAS1B and AHK1B of the event, where they are at hand: causes may follow fuel and temperature.
     """
     if observed is None:
         return xr.Dataset({"gram": (("column", "other"), np.zeros((0, 0)))}, attrs={"numbers": "{}"})
@@ -59,13 +63,14 @@ def evidence(observed: Observations | None, *masses: xr.Dataset) -> xr.Dataset:
     kept = np.setdiff1d(np.arange(problem.total.shape[0]), nuisance)
     gram = attribution.projected(problem.total, nuisance)[np.ix_(kept, kept)]
     time = np.concatenate([block.time for block in observed.blocks])
+    measured = {"year": float(np.median(time)) / YEAR_S} | observed.circumstances
     numbers = {
         "time": float(np.median(time)),
         "parameters": list(observed.parameters),
         "unit": observed.unit,
         "scale": np.broadcast_to(observed.scale, count).tolist(),
         "start": np.asarray(observed.start, dtype=float).tolist(),
-        "measured": {"year": float(np.median(time)) / YEAR_S} | observed.circumstances | fuel(masses, np.median(time)),
+        "measured": measured | fuel(housekeeping, np.median(time)) | temperature(housekeeping, time.min(), time.max()),
         "common": np.broadcast_to(observed.common, count).tolist(),
         "causes": [
             [
@@ -99,6 +104,18 @@ def fuel(masses: Sequence[xr.Dataset], time: float) -> dict[str, float]:
         if told.any():
             first, second = (float(np.interp(time, one["time_tag"].values[told], tank[told])) for tank in tanks)
             return {"fuel_kg": first + second, "fuel_difference_kg": first - second}
+    return {}
+
+
+def temperature(housekeeping: Sequence[xr.Dataset], begin: float, end: float) -> dict[str, float]:
+    """Temperature deg C of the accelerometer's sensor unit, mean of its thermometers in AHK1B; {} if one is mute."""
+    for one in housekeeping:
+        if set(THERMOMETERS) <= set(one):
+            inside = (one["time_tag"].values >= begin) & (one["time_tag"].values <= end)
+            read = [one[name].values[inside] for name in THERMOMETERS]
+            read = [values[np.isfinite(values)] for values in read]
+            if all(values.size for values in read):
+                return {"temperature_c": float(np.mean([np.median(values) for values in read]))}
     return {}
 
 

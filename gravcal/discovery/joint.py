@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from gravcal.discovery import attribution
-from gravcal.discovery.evidence import Event
+from gravcal.discovery.evidence import QUANTITIES, Event
 from gravcal.discovery.problem import inverse_of
 from gravcal.estimation import chi2_tail
 
@@ -84,6 +84,9 @@ class Search:
         self.places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
         self.kept = np.r_[0, np.arange(1 + self.count, events[0].gram.shape[0])]
         self.slugs = [one.slug for one in self.causes]
+        told = set.intersection(*(set(one.measured) for one in events)) if len(events) > 3 else ()
+        self.followed = [name for name in sorted(told) if np.ptp([one.measured[name] for one in events]) > 0]
+        self.not_followed = [name for name in QUANTITIES if name not in self.followed]
         self.strange = max(1, len(events) // 4)  # events that contradict the others, at most
         self.whole = np.stack([one.gram for one in events])
         self.grams = self.projected(())
@@ -122,14 +125,12 @@ class Search:
         eye = np.eye(count)
         found += [Law(cause, "event", eye[:, k : k + 1], [names[k]], -2 * np.log(count)) for k in range(count)]
         found += [self.apart(found[0], k) for k in range(count) if count > 3]
-        known = sorted(set.intersection(*(set(one.measured) for one in self.events)))
-        for name in known if count > 3 else ():
+        for name in self.followed:
             values = np.array([one.measured[name] for one in self.events])
-            if np.ptp(values) > 0:
-                centred = (values - values.mean()) / values.std()
-                labels = [f"at {name} {values.mean():.6g}", f"per {values.std():.6g} of {name}"]
-                weights = np.column_stack([np.ones(count), centred])
-                found.append(Law(cause, name, weights, labels, -2 * np.log(len(known))))
+            centred = (values - values.mean()) / values.std()
+            labels = [f"at {name} {values.mean():.6g}", f"per {values.std():.6g} of {name}"]
+            weights = np.column_stack([np.ones(count), centred])
+            found.append(Law(cause, name, weights, labels, -2 * np.log(len(self.followed))))
         found.append(Law(cause, "each", np.zeros((count, 0)), []))
         return [replace(law, odds=law.odds + forms) for law in found]
 

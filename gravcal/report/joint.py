@@ -70,6 +70,8 @@ def report(search, products, *, history, settings, calibration, event, satellite
         "motion": {name: _motion(one, history["trims"], name, fuel) for name, one in moves.items()},
         "predicted": predicted(moves, np.arange(time[0], time[-1] + AHEAD_S + STEP_S, STEP_S), common),
         "tried": result.tried,
+        "followed": search.followed,
+        "not_followed": search.not_followed,
         "level": search.level,
         "provenance": {"products": {name: product.digest(one)[:12] for name, one in products.items()}},
     }
@@ -273,13 +275,18 @@ def changes(before: dict, after: dict) -> list[str]:
                 continue
             move, error = one["value"][k] - last["value"][k], np.hypot(one["sigma"][k], last["sigma"][k])
             if abs(move) > CHANGED * error:
+                motion = after["motion"][name]
                 told = [
                     f"{'step found about' if s['found'] else 'trim of'} {s['date']} explains {signed(s['value'], 0)}"
-                    for s in after["motion"][name]["steps"]
+                    for s in motion["steps"]
                     if last["time"] < seconds(s["date"]) <= one["time"]
                 ]
-                text = f"{name} moved by {plus_minus(move, error)} {unit} since {day(last['time'])}"
-                lines.append(f"{text}: {'; '.join(told) or 'no trim explains it'}")
+                slope, sigma = (v * (one["time"] - last["time"]) / YEAR_S for v in motion["slope_per_year"].values())
+                told += [f"its slope explains {signed(slope, 0)}"] * bool(abs(slope) > max(error, CHANGED * sigma))
+                text = (
+                    f"{after['calibration']} {name} moved by {plus_minus(move, error)} {unit} since {day(last['time'])}"
+                )
+                lines.append(f"{text}: {'; '.join(told) or 'neither trim nor slope explains it'}")
     was = {one["event"] for one in before["contradicting"]}
     lines += [f"{one['event']} contradicts the others" for one in after["contradicting"] if one["event"] not in was]
     return lines
@@ -324,7 +331,9 @@ def page(document, moves, history) -> str:
     ]
     made = [one for one in made[0 if moves else 1 :] if any(table.rows for table in one.tables)]
     count = f"{len(document['events'])} events of satellite {document['satellite']}, level {document['level']}"
-    return pages.page(document, made, {}, heading="What many events say together", subtitle=count)
+    told = [f"causes may follow {', '.join(document['followed'])}"] * bool(document["followed"])
+    told += [f"not {', '.join(document['not_followed'])}, which not all tell"] * bool(document["not_followed"])
+    return pages.page(document, made, {}, heading="What many events say together", subtitle="; ".join([count, *told]))
 
 
 @figure(caption="Values of all events, prediction and printed values. Dashed: trims; dotted: steps that were found.")

@@ -8,6 +8,7 @@ import pytest
 import xarray as xr
 
 from flows import calibration
+from flows import joint as watching
 from gravcal.discovery import evidence, joint
 from gravcal.effects import effect
 from gravcal.estimation import moving
@@ -32,8 +33,18 @@ def events(rng, law, count=16, alike=0.05, rows=200, size=3.0):
         causes = [evidence.Cause(slug, "", NAMES[slug], ["1", "1"], np.full(2, 0.05)) for slug in SLUGS]
         day = f"2020-{1 + k // 2:02}-{1 + 14 * (k % 2):02}"
         about = (f"grace-c-{day}", report.seconds(day), np.zeros(3), gram, np.sqrt(np.diag(gram)), causes)
-        made.append(evidence.Event(*about, {"beta_deg": float(np.sin(3.0 * k)), "year": k / 24}))
+        made.append(evidence.Event(*about, {name: told(k) for name, told in MEASURED.items()}))
     return made
+
+
+#: Quantities of event k of 16, of size one and of mean none.
+MEASURED = {
+    "beta_deg": lambda k: float(np.sin(3.0 * k)),
+    "latitude_deg": lambda k: float(np.sin(17.0 * k + 2)),
+    "fuel_kg": lambda k: float(np.cos(0.5 * k) + 0.5 * np.sin(29.0 * k)),
+    "temperature_c": lambda k: float(np.sin(41.0 * k + 1)),
+    "year": lambda k: k / 8 - 0.9375,
+}
 
 
 def theta(**values):
@@ -47,18 +58,17 @@ def theta(**values):
 LAWS = {
     "constant": lambda _: theta(_4=0.05),
     "epochs": lambda k: theta(_4=0.08 * (k >= 9)),
-    "beta_deg": lambda k: theta(_4=0.06 * np.sin(3.0 * k)),
     "event": lambda k: theta(_4=0.2 * (k == 5)),
     "tied": lambda _: theta(_0=0.05),
-    "each": lambda k: theta(_4=0.2 * np.sin(40.0 * k + 1)),
+    "each": lambda k: theta(_4=0.2 * np.sin(7.0 * k**2 + 1)),
     "contradicted": lambda k: theta(_4=0.05 if k != 6 else -0.1),
     "thrice": lambda k: theta(_4=0.05 if k not in (2, 6, 11) else 0.2),
-}
+} | {name: lambda k, told=told: theta(_4=0.06 * told(k)) for name, told in MEASURED.items()}
 
 
-@pytest.mark.parametrize("scope", ["constant", "epochs", "beta_deg", "event", "each"])
+@pytest.mark.parametrize("scope", ["constant", "epochs", "event", "each", *MEASURED])
 def test_a_cause_is_named_with_its_law(scope, rng):
-    """Constant, after a change, with the angle of the Sun, in one event, or different in each."""
+    """Constant, after a change, in one event, different in each, or with what is measured of the events."""
     found = joint.Search(events(rng, LAWS[scope]), 0.005, 9.0, 4).run()
     assert [(SLUGS[one.law.cause], one.law.scope) for one in found.named] == [(SLUGS[2], scope)]
     assert not found.contradicting
@@ -160,11 +170,37 @@ def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):
     before = after | {"causes": [], "events": after["events"][:-1]}
     assert report.changes(before, after)[0] == "new: accelerometer: current leak, another value after a change"
     assert report.changes({}, after) == []
+    assert after["followed"] == sorted(MEASURED)
+    assert after["not_followed"] == ["fuel_difference_kg"]
     other = json.loads(json.dumps(after | {"satellite": "D"}))
     (same,) = report.shared([after, other])
     assert same.startswith("C and D: accelerometer: current leak in both, values agree (chi-square 0.0 of ")
     other["causes"][0]["values"][1]["parameters"]["x_from_x"]["value"] += 1.0
     assert "values differ" in report.shared([after, other])[0]
+
+
+@pytest.mark.parametrize(
+    ("steps", "slope", "told"),
+    [
+        ([{"date": "2021-04-12", "value": 28.2, "found": False}], 3.0, "trim of 2021-04-12 explains 28"),
+        ([], 45.0, "its slope explains 28"),
+        ([{"date": "2020-01-01", "value": 28.0, "found": True}], 1.0, "neither trim nor slope explains it"),
+    ],
+)
+def test_a_note_says_what_moved_beyond_its_error_and_why(steps, slope, told):
+    """The sentence of an operator: how far, since when, and what explains how much of it."""
+    days = {"2020-10-01": (1.0, 2.4), "2021-05-20": (32.0, 3.2)}
+    about = {"calibration": "com_offset", "unit": "um", "parameters": ["z"], "causes": [], "contradicting": []}
+    events = [{"event": d, "time": report.seconds(d), "value": [v], "sigma": [s]} for d, (v, s) in days.items()]
+    motion = {"z": {"steps": steps, "slope_per_year": {"value": slope, "sigma": 2.0}}}
+    (line,) = report.changes(about | {"events": events[:1]}, about | {"events": events, "motion": motion})
+    assert line == f"com_offset z moved by 31.0 ± 4.0 um since 2020-10-01: {told}"
+
+
+def test_a_pair_is_called_by_both_letters():
+    """As its events are, and a satellite by its own name."""
+    names = [watching.owner(calibration.load("kbr_phase_centre"), letters) for letters in ("CD", "C")]
+    assert names == ["grace-cd", "grace-c"]
 
 
 def test_a_parameter_follows_the_fuel_where_it_is_told(rng):
@@ -180,9 +216,13 @@ def test_a_parameter_follows_the_fuel_where_it_is_told(rng):
     assert not moving.moving(time, noise, 4.0 * np.eye(14), (), {"fuel_kg": fuel}).follows
 
 
-def test_fuel_is_read_from_the_mass_of_both_tanks():
-    """Sum and difference at the time of the event, nothing where a tank is not told."""
+def test_fuel_and_temperature_are_read_where_all_tanks_and_thermometers_are_told():
+    """Sum and difference of the tanks at the time of the event, mean of four thermometers during it, else nothing."""
     tanks = {"gas_mass_tnk1": ("time", [13.0, 12.0, np.nan]), "gas_mass_tnk2": ("time", [11.0, 11.0, 9.0])}
     masses = xr.Dataset(tanks | {"time_tag": ("time", [0.0, 10.0, 20.0])})
     assert evidence.fuel([masses], 5.0) == {"fuel_kg": 23.5, "fuel_difference_kg": 1.5}
     assert evidence.fuel([masses.drop_vars("gas_mass_tnk1")], 5.0) == evidence.fuel([], 5.0) == {}
+    read = {name: ("time", [40.0, 20.0 + k, 21.0 + k, np.nan]) for k, name in enumerate(evidence.THERMOMETERS)}
+    warm = xr.Dataset(read | {"time_tag": ("time", [0.0, 10.0, 20.0, 30.0])})
+    assert evidence.temperature([masses, warm], 5.0, 25.0) == {"temperature_c": 22.0}
+    assert evidence.temperature([warm], 25.0, 35.0) == evidence.temperature([masses], 5.0, 25.0) == {}
