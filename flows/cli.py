@@ -60,7 +60,6 @@ gravcal browse                                        events, plots, comparisons
 gravcal products                                      what lies in the store (GRAVCAL_PRODUCTS)
 """
 DEFAULT = "com_offset"  # calibration of demo and serve
-VERIFIED_BYTES_PER_S = 100e6  # read, hashed and decoded on one core; only for the time left
 
 
 def complete_events() -> list[str]:
@@ -127,10 +126,8 @@ def writable(ctx: typer.Context, path: Path | None) -> Path | None:
     return path
 
 
-def day(ctx: typer.Context, text: str | None) -> str | None:
+def day(text: str) -> str:
     """Day of the calendar, written YYYY-MM-DD."""
-    if text is None or ctx.resilient_parsing:
-        return text
     try:
         if str(datetime.date.fromisoformat(text)) == text:
             return text
@@ -180,7 +177,7 @@ Some = Annotated[str | None, typer.Argument(metavar="[CALIBRATION]", help=KINDS,
 EventName = Annotated[str | None, typer.Argument(metavar="[EVENT]", help=EVENT, autocompletion=complete_events)]
 Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help=FOLDER)]
 Satellite = Annotated[str | None, typer.Option("--satellite", metavar=LETTERS, help="which satellite of the folder")]
-Date = Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD", help="which day of the folder", callback=day)]
+Date = Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD", help="which day of the folder", parser=day)]
 Settings = Annotated[
     list[str] | None,
     typer.Option("--set", metavar="KEY=VALUE", help=OTHER, autocompletion=complete_settings),
@@ -634,8 +631,7 @@ def show(product: Product, json: Json = None) -> None:
 @products.command()
 def verify(json: Json = None) -> None:
     """Compare every product with its record, bytes and content; exit code 1 if one differs."""
-    size = sum(entry.record["bytes"] for entry in housekeeping.entries(newest_only=False))
-    with output.waiting("verifying", size / VERIFIED_BYTES_PER_S):
+    with output.waiting("verifying"):
         problems = housekeeping.verify()
     count = len(housekeeping.folders())
     rows = [{"folder": str(folder), "problem": problem} for folder, problem in problems]
@@ -682,13 +678,7 @@ def prune(
         return
     if unused:
         output.table(["bytes", "path"], [[size, path] for path, size in unused])
-    verb = "removed" if remove else "would be removed (--remove does it)"
-    output.say(f"{len(unused)} entries, {sum(size for _, size in unused) / 1e6:.1f} MB {verb}")
-    left = housekeeping.size() - (0 if remove else sum(size for _, size in unused))
-    if limit is not None and left > limit:
-        output.say(
-            f"{left / 1e9:.3f} GB stay, the quota is {quota:g} GB: they are delivered, pinned, or of the last hour"
-        )
+    output.say(housekeeping.said(unused, remove, quota))
 
 
 @products.command()

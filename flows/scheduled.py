@@ -50,10 +50,7 @@ def reprocess_all(
         limits = ((prune_days, 86400), (quota_gb, 1e9))
         age, quota = (None if value is None else value * scale for value, scale in limits)
         gone = housekeeping.prune(age, True, quota)
-        left, freed = housekeeping.size(), sum(size for _, size in gone)
-        said = f"{len(gone)} entries, {freed / 1e6:.1f} MB removed; {left / 1e9:.3f} GB stay"
-        if quota is not None and left > quota:
-            said += f", more than the quota of {quota_gb:g} GB: delivered, pinned, or of the last hour"
+        said = housekeeping.said(gone, True, quota_gb)
         create_markdown_artifact(said, key="store", description="What was removed from the store")
     return state
 

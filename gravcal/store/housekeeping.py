@@ -180,6 +180,17 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
     return gone
 
 
+def said(gone, removed, quota_gb=None):
+    """What `prune` removed, or would remove, and what stays, in words."""
+    freed = sum(count for _, count in gone)
+    left = size() - (0 if removed else freed)
+    verb = "removed" if removed else "would be removed (--remove does it)"
+    text = f"{len(gone)} entries, {freed / 1e6:.1f} MB {verb}; {left / 1e9:.3f} GB stay"
+    if quota_gb is not None and left > quota_gb * 1e9:
+        text += f", more than the quota of {quota_gb:g} GB: delivered, pinned, or of the last hour"
+    return text
+
+
 def size():
     """Bytes of the products of the store and of what was set aside."""
     return sum(_size(location.folder() / name) for name in ("objects", "quarantine"))
