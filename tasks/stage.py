@@ -9,7 +9,7 @@
     dataset = field(aligned_dataset, igrf_generation=13)         # datasets in, dataset out: the bare body, for tests
     dataset = read(ref)                                          # what a product holds
 
-- Positional arguments are products or Level-1 files, keyword arguments settings; neither has default values.
+- Positional arguments are products or Level-1 files, keyword arguments settings, all of which a call gives.
 - A body that takes ``**settings`` hands all settings on to a science function, whose keywords say what there is.
 - ``reads`` names the kind of each positional argument; the last one repeats for ``*refs``; "a|b" allows both,
   "*.solve" any calibration's, "file" a LevelOneFile, which the body is given as it is.
@@ -93,15 +93,6 @@ def stage(*, reads, writes, version, also=()):
 
     def decorate(body):
         found = Stage(body, tuple(reads), writes, version, tuple(also))
-        defaults = [
-            name
-            for name, one in inspect.signature(body).parameters.items()
-            if one.default is not inspect.Parameter.empty
-        ]
-        if defaults:
-            raise TypeError(
-                f"{found.name}: {', '.join(defaults)} must not have a default; settings come from the catalogue"
-            )
         for name in functools.WRAPPER_ASSIGNMENTS:
             object.__setattr__(found, name, getattr(body, name, None))
         return found

@@ -69,7 +69,7 @@ def test_a_body_called_with_datasets_cannot_change_what_others_read(pipeline):
     assert "title" not in again.attrs
 
 
-def test_settings_are_handed_on_as_they_come_and_have_no_default():
+def test_settings_are_handed_on_as_they_come():
     """Contract: a body that takes any settings has each in its label; every setting comes from the catalogue."""
 
     @stage.stage(reads=[], writes="any", version=1)
@@ -78,11 +78,6 @@ def test_settings_are_handed_on_as_they_come_and_have_no_default():
 
     call = stage.call_of(body, (), {"second": 2, "first": 1.5, "event": "e"})
     assert list(call.settings.items()) == [("first", 1.5), ("second", 2)]
-    with pytest.raises(TypeError, match="must not have a default"):
-
-        @stage.stage(reads=[], writes="x", version=1)
-        def defaulted(*, gain: float = 1.0):
-            """Body."""
 
 
 def test_equations_that_cannot_be_solved_are_an_error_of_the_input():
