@@ -61,17 +61,10 @@ def plateaus(time: np.ndarray, current: np.ndarray, threshold: float, longest_st
 
 
 def find_waves(time: np.ndarray, current: np.ndarray, rod: int, settings: dict) -> list[Wave]:
-    """Square waves of one rod.
+    """Square waves of one rod in its current (n,) mA at increasing times (n,) s.
 
     Neighbouring runs belong to one wave if their signs alternate, their sizes agree within 30 % and their lengths are
     half a period within the tolerance and the sampling.
-
-    Parameters
-    ----------
-    time : (n,) s, increasing
-    current : (n,) mA
-    rod : 0, 1, 2
-    settings : period_s, period_tolerance_s, minimum_half_periods, current_threshold_ma
     """
     if time.size < 3:
         return []
@@ -120,14 +113,9 @@ def regular_edges(wave: Wave, period: float) -> tuple[float, float] | None:
 
 
 def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
-    """Square waves of the torquers, one manoeuvre each.
+    """Square waves of the torquers in a MAG1B, one manoeuvre each.
 
     The kind is the body axis about which the current turns the satellite in the measured field, m x B.
-
-    Parameters
-    ----------
-    magnetometer : Dataset, "ingest" of MAG1B
-    settings : period_s, period_tolerance_s, minimum_half_periods, current_threshold_ma
     """
     names = [f"Mfv{a}_RAW" if f"Mfv{a}_RAW" in magnetometer else f"Mfv{a}" for a in "XYZ"]
     time, values, flag, _ = sorted_samples(magnetometer, own_tags(magnetometer), ("current_b", *names))
@@ -164,12 +152,8 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
 
     Without a manoeuvre the first `survey_s` of the record are taken as one window, so that field and attitude can be
     looked at all the same. A manoeuvre in which orbit or star camera are missing for longer than their limit is marked
-    in `gap`, and not used.
-
-    observed : Dataset, "com_offset.detect" and "ingest" of ACC1A, SCA1B, MAG1B, an orbit, TIM1B and CLK1B
-    settings : s; margin_s, kept on either side of a manoeuvre; survey_s; clock_gap_limit_s, orbit_gap_limit_s and
-        star_camera_gap_limit_s, distance of records that may be bridged; outlier_sigma, distance of an isolated outlier
-        from its neighbours, which is left out
+    in `gap`, and not used. Observed are "com_offset.detect" and "ingest" of ACC1A, SCA1B, MAG1B, an orbit, TIM1B and
+    CLK1B.
     """
     detected, acc, sca, mag, orbit, tim1b, clk1b = observed
     spans = _spans(detected, acc, sca, mag, orbit, settings["margin_s"], settings["survey_s"])

@@ -48,20 +48,10 @@ class Solution:
 
 
 def dipole_history(edges, level, rod, time, current, per_current):
-    """Piecewise-constant dipole: the excited rod between its edges, the others held round each sample.
+    """Breaks (s + 1,) s and dipole (s, 3) A m2 between: the excited rod by its edges, others held round each sample.
 
-    Parameters
-    ----------
-    edges : (m + 1,) s, of the square wave; None without one
-    level : (m,) mA
-    rod : 0, 1, 2, or -1 without a wave
-    time : (n,) s; current : (n, 3) mA, samples that cover the arc
-    per_current : (3,) A m2 mA-1
-
-    Returns
-    -------
-    breaks : (s + 1,) s
-    dipole_b : (s, 3) A m2
+    The square wave has edges (m + 1,) s and levels (m,) mA of a rod; None and -1 without one. Samples (n,) s, (n, 3) mA
+    cover the arc; per_current is (3,) A m2 mA-1.
     """
     others = [axis for axis in range(3) if axis != rod]
     middle = (time[1:] + time[:-1]) / 2
@@ -95,15 +85,9 @@ def torque_of(arc: Arc, solution: Solution) -> dynamics.Torque:
 
 
 def mean_dipole(arc: Arc, time: np.ndarray, shift: float, width: float) -> np.ndarray:
-    """Dipole averaged over a sampling interval centred on each epoch, (n, 3) A m2.
+    """Dipole averaged over a sampling interval (s) centred on each epoch, (n, 3) A m2, all edges later by a shift (s).
 
-    Parameters
-    ----------
-    arc : Arc
-    time : (n,) s
-    shift : s, all edges later by
-    width : s, sampling interval; an edge between two samples is spread over it, so the mean moves smoothly with it; 0
-        for momentary readings
+    An edge between two samples is spread over it, so that the mean moves smoothly with it; 0 for momentary readings.
     """
     if not width:
         return dipole_at(arc, time, shift)
@@ -130,12 +114,7 @@ def large_edges(arc: Arc) -> np.ndarray:
 def shifts_between_samples(arc: Arc, time: np.ndarray, near: float, width: float) -> np.ndarray:
     """Shifts (q,) s about one, of which each leaves the edges between other samples: midway where they do not differ.
 
-    Parameters
-    ----------
-    arc : Arc
-    time : (n,) s, increasing
-    near : s, later than the edges of the arc
-    width : s, reach on either side
+    Edges are later than those of the arc by `near`; samples (n,) s, the reach `width` (s) on either side.
     """
     edges = large_edges(arc) + near
     met = [time[slice(*np.searchsorted(time, [e - width, e + width]))] - e for e in edges]
@@ -164,14 +143,7 @@ class Propagator:
 
 
 def propagator(time: np.ndarray, transition: np.ndarray, breaks: np.ndarray) -> Propagator:
-    """Propagator to the epochs of a transition.
-
-    Parameters
-    ----------
-    time : (n,) s, from the origin on
-    transition : (n, 6, 6) of angle and rate from the origin
-    breaks : (b,) s, where accelerations jump
-    """
+    """Propagator to epochs (n,) s by a transition (n, 6, 6) from the origin; accelerations jump at breaks (s)."""
     ends = np.unique(np.concatenate([[time[0]], breaks[(breaks > time[0]) & (breaks < time[-1])], time]))
     node, weight = np.polynomial.legendre.leggauss(4)
     span = np.diff(ends)
@@ -227,15 +199,8 @@ class Window:
 def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: bool) -> list[Window]:
     """Observations and torques of every manoeuvre, without a manoeuvre one arc at the beginning of the record.
 
-    A gap that forbids to use a manoeuvre leaves it without star camera.
-
-    Parameters
-    ----------
-    aligned : Dataset, "align"
-    field : Dataset, "com_offset.field"
-    inertia : (3, 3) kg m2
-    per_current : (3,) A m2 mA-1
-    full : bool, with gravity-gradient torque
+    A gap that forbids to use a manoeuvre leaves it without star camera. Products are "align" and "com_offset.field";
+    inertia (3, 3) kg m2, per_current (3,) A m2 mA-1; full: with gravity-gradient torque.
     """
     found = []
     for i in range(aligned.sizes["manoeuvre"]):
@@ -354,10 +319,8 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
 
     Parameters
     ----------
-    aligned : Dataset, "align"
-    field : Dataset, "com_offset.field"
-    settings : dynamics, torque_degree, torque_scale_sigma, edge_shift_sigma_s, integration_step_s, iteration_limit,
-        attitude_noise_order, lowpass_hz, half_width_s, step_s, calibration_drift_degree, inertia, dipole_per_current
+    aligned, field : Dataset, "align" and "com_offset.field"
+    settings : of the stage, with inertia and dipole_per_current
     """
     full = settings["dynamics"] == "full"
     found = windows(aligned, field, settings["inertia"], np.asarray(settings["dipole_per_current"]), full)
@@ -557,12 +520,8 @@ def first_guess(arc: Arc, time: np.ndarray, quaternion: np.ndarray, degree: int)
 def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start: Solution | None = None) -> Fit:
     """Gauss-Newton on the three-parameter attitude error (CoM paper eqs. 19-30, errata C-5, C-6).
 
-    Parameters
-    ----------
-    window : Window, evenly spaced attitudes from the origin on, continuous in sign
-    noise : noise model of each axis
-    choice : Choice
-    start : solution to begin with; from the first attitudes if None
+    The window holds evenly spaced attitudes from the origin on, continuous in sign; one noise model an axis. It begins
+    with the first attitudes where no solution is given.
     """
     arc, good, unknowns = window.arc, window.good, _unknowns(choice)
     solution = start or first_guess(arc, window.time[good], window.quaternion[good], choice.torque_degree)
@@ -649,19 +608,14 @@ class WaveFit:
 
 
 def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degree: int, between=None) -> WaveFit:
-    """Scale per axis and common shift of a modelled wave in a measured angular acceleration.
+    """Scale per axis and common shift of a modelled wave in a measured angular acceleration (n, 3) rad s-2.
 
     The model is noise-free and stands on the right-hand side, so the scale has no attenuation. A wave of means over the
     sampling interval moves smoothly with its shift. One of momentary readings only changes where an edge meets a
     sample; with tags whose spacing is no part of the period some edges do so before others, and no smooth wave fits.
 
-    Parameters
-    ----------
-    measured : (n, 3) rad s-2
-    wave : callable, shift s and whether readings are momentary -> (n, 3) rad s-2
-    operator : applied to the measurement and to the model alike
-    noise : noise model of each axis on the operator's grid
-    degree : of the drift
+    wave : callable, shift s and whether readings are momentary -> (n, 3) rad s-2; the operator takes both sides
+    noise, degree : noise model of each axis on the operator's grid; of the drift
     between : callable, shift s -> (q,) s, those near it of all momentary waves that differ; None for no such wave
     """
     drift = polynomial(operator.time, degree, operator.time[0], operator.time[-1])
@@ -708,48 +662,35 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
     return WaveFit(shift, float(sigma[3]), scale, scale_sigma, residual, best > 0)
 
 
-def coarse_shift(y, model, operator: Resampler, drift, noise: list[NoiseModel], longest: float = 3.0) -> float:
-    """Shift in steps of the grid at which measurement and model agree best, the start of the Gauss-Newton steps."""
+def coarse_shift(y, model, operator: Resampler, drift, noise: list[NoiseModel]) -> float:
+    """Shift up to 3 s, in steps of the grid, at which measurement and model agree best; Gauss-Newton starts there."""
     valid = operator.valid
     weight = np.array([1 / n.variance[0] if n.variance[0] > 0 else 0.0 for n in noise])
     clean = np.zeros((2, *y.shape))
     for k, series in enumerate((y, model)):
         clean[k][valid] = without(drift[valid], series[valid])
     step = float(operator.time[1] - operator.time[0])
-    count = int(longest / step)
+    count = int(3.0 / step)
     lags = np.arange(-count, count + 1)
     inner = slice(count, len(y) - count)
-    agreement = [
-        np.sum(weight * np.sum(clean[0][inner] * np.roll(clean[1], lag, axis=0)[inner], axis=0)) for lag in lags
-    ]
+    agreement = [np.sum(clean[0][inner] * np.roll(clean[1], lag, axis=0)[inner] * weight) for lag in lags]
     return float(lags[int(np.argmax(agreement))] * step)
 
 
 def delay_from_brackets(shift, sigma, lower, upper) -> tuple[float, float]:
-    """Delay of an instrument's tags against the torquer telemetry.
+    """Delay of an instrument's tags against the torquer telemetry and its standard deviation, s.
 
-    Telemetry at 2 Hz only says between which samples the first edge lies. The edge seen by the instrument, less the
-    delay, has to lie there in every manoeuvre; a flat prior gives mean and standard deviation of what is left.
-
-    Parameters
-    ----------
-    shift, sigma : (k,) s, apparent first edge and its error
-    lower, upper : (k,) s, interval that telemetry leaves, on the same origin
-
-    Returns
-    -------
-    delay, delay_sigma : s
+    Telemetry at 2 Hz only says between which samples the first edge lies, (k,) s lower and upper. The edge seen by the
+    instrument, (k,) s with its error, less the delay, has to lie there in every manoeuvre; a flat prior gives mean and
+    standard deviation of what is left.
     """
     half = (np.max(upper - lower) + np.max(np.abs(shift))) + 5 * float(np.max(sigma))
     grid = np.linspace(-half, half, 8001)
     true = shift[:, None] - grid
-    with np.errstate(divide="ignore"):
-        inside = ndtr((upper[:, None] - true) / sigma[:, None]) - ndtr((lower[:, None] - true) / sigma[:, None])
-        log = np.where(inside > 1e-280, np.log(np.maximum(inside, 1e-300)), 0.0)
-    far = np.minimum(
-        log_ndtr((upper[:, None] - true) / sigma[:, None]), log_ndtr((true - lower[:, None]) / sigma[:, None])
-    )
-    log = np.sum(np.where(inside > 1e-280, log, far), axis=0)
+    above, below = ((end[:, None] - true) / sigma[:, None] for end in (upper, lower))
+    inside = ndtr(above) - ndtr(below)
+    far = np.minimum(log_ndtr(above), log_ndtr(-below))
+    log = np.sum(np.where(inside > 1e-280, np.log(np.maximum(inside, 1e-300)), far), axis=0)
     weight = np.exp(log - log.max())
     weight /= weight.sum()
     mean = float(weight @ grid)
@@ -769,19 +710,9 @@ def shape(arc: Arc, rod: int, shift: float, time: np.ndarray, width: float) -> n
 def fit_star_camera_wave(window: Window, fit: Fit, noise: list[NoiseModel], degree: int):
     """Amplitudes of the wave about each body axis from the star camera, nothing of the torquer's strength used.
 
-    Start attitude, rate and a slow torque are estimated along; the timing is that of the attitude fit.
-
-    Parameters
-    ----------
-    window : Window
-    fit : Fit, whose motion is the reference
-    noise : noise model of each axis
-    degree : of the slow torque
-
-    Returns
-    -------
-    amplitude : (2, 3) rad s-2, coefficients of `shape` about each axis
-    root : (6, 6) with root root^T the covariance, ordered (shape, axis)
+    Start attitude, rate and a slow torque of some degree are estimated along; timing and reference motion are those of
+    the attitude fit. Amplitude (2, 3) rad s-2 are coefficients of `shape` about each axis, root (6, 6) with root root^T
+    their covariance, ordered (shape, axis).
     """
     arc, rod, solution = window.arc, window.rod, fit.solution
     _, _, _, sensitivity = dynamics.integrate_with_sensitivity(

@@ -25,13 +25,9 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
 
     Parameters
     ----------
-    aligned : Dataset, "align"
-    checked : Dataset, "com_offset.field"
-    smoothed : Dataset, "com_offset.attitude"
+    aligned, checked, smoothed : Dataset, "align", "com_offset.field" and "com_offset.attitude"
     others : Dataset, "ingest" of the orbit product that was not taken, if there is one
-    limits : check_piece_s, velocity_limit_m_s, gravity_limit_m_s2, orbit_limit_m, height_lowest_km, height_greatest_km,
-        pointing_limit_deg, field_limit_nt, outlier_limit, unchanged_limit_s, attitude_limit_urad, scale_limit,
-        angular_limit, delay_limit_s
+    limits : settings of the stage
     """
     piece = limits["check_piece_s"]
     usable = aligned["orbit_flag"].values == 0

@@ -86,8 +86,7 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
 
     Parameters
     ----------
-    resampled : Dataset, "com_offset.equations"
-    measured : Dataset, "com_offset.noise"
+    resampled, measured : Dataset, "com_offset.equations" and "com_offset.noise"
     settings : drift_degree, noise_order
     """
     given = arrays(resampled)
@@ -224,11 +223,7 @@ def _values(blocks, whitened, scores, joint, modes):
 def published_solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset) -> xr.Dataset:
     """Offsets and formal errors as printed, CoM paper eqs. 3-9; errata C-7 and C-12 say what is wrong with them.
 
-    Parameters
-    ----------
-    aligned : Dataset, "align"
-    smoothed : Dataset, "com_offset.attitude"
-    angular : Dataset, "com_offset.angular_acceleration"
+    Products are "align", "com_offset.attitude" and "com_offset.angular_acceleration".
     """
     variant = angular.attrs["variant"]
     aligned, smoothed, angular = (arrays(one) for one in (aligned, smoothed, angular))
@@ -291,15 +286,9 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
 
 
 def adopted(combined: xr.Dataset) -> str | None:
-    """Variant whose offset is handed on: of those that determine most components that of the smallest total error.
+    """Variant of "com_offset.combine" whose offset is handed on, None if nothing is determined.
 
-    Parameters
-    ----------
-    combined : Dataset, "com_offset.combine"
-
-    Returns
-    -------
-    variant : name; of equal ones the first, None if nothing is determined
+    Of those that determine most components that of the smallest total error, of equal ones the first.
     """
     determined = combined["determined"].values.astype(bool)
     variances = np.diagonal(combined["covariance_total"].values, axis1=1, axis2=2)
@@ -314,14 +303,8 @@ def with_model_error(
 ) -> xr.Dataset:
     """The same with covariances that hold the errors of the effects that were taken out of the records before.
 
-    Single manoeuvres and the tests of consistency keep the errors of the noise alone.
-
-    Parameters
-    ----------
-    combined : Dataset, "com_offset.combine"
-    moved : Dataset, "com_offset.combine", one for each direction of the model's errors
-    determined_sigma_um : um, a component with a larger error is not determined
-    added : text, as of `schemas.widened`
+    Single manoeuvres and the tests of consistency keep the errors of the noise alone. One moved product for each
+    direction of the model's errors; added as of `schemas.widened`.
     """
     new = widened(combined, moved, {"offset": ("covariance", "covariance_total")}, added)
     before = new.get("offset", combined["offset"].values)
@@ -429,19 +412,10 @@ def _difference(joint, names, limit):
 
 
 def published_offset(time, good, linear, rates, solved) -> tuple[np.ndarray, np.ndarray]:
-    """Offset and formal covariance of one manoeuvre, eqs. 3-9, samples counted as independent (erratum C-12).
+    """Offset (3,) m and formal covariance of one manoeuvre, eqs. 3-9, samples counted as independent (erratum C-12).
 
-    Parameters
-    ----------
-    time : (n,) s; good : (n,) bool
-    linear : (n, 3) m s-2
-    rates : (n, 3) rad s-1 and (n, 3) rad s-2
-    solved : components estimated, the others held at zero
-
-    Returns
-    -------
-    offset : (3,) m, proof mass to centre of mass
-    covariance : (3, 3) m2, infinite variance for components not estimated
+    The components not solved for are held at zero, and have infinite variance; linear (n, 3) m s-2, rates (n, 3) rad
+    s-1 and (n, 3) rad s-2.
     """
     reading = linear - linear[good].mean(axis=0)
     operator = lowpass_resampler(time, good, time, lowpass_hz=LOWPASS_HZ, half_width_s=6.0)
@@ -460,19 +434,9 @@ def published_offset(time, good, linear, rates, solved) -> tuple[np.ndarray, np.
 
 
 def published_mean(kind, latitude, offset, sigma) -> tuple[np.ndarray, np.ndarray]:
-    """Weighted mean of the rows that the paper keeps: x of pitch, y and z of roll, at high latitude.
+    """Weighted mean (3,) m of the rows that the paper keeps: x of pitch, y and z of roll, at high latitude.
 
-    The error is the weighted mean of the errors, as printed (erratum C-9).
-
-    Parameters
-    ----------
-    kind : (k,) 0 roll, 1 pitch, 2 yaw
-    latitude : (k,) rad
-    offset, sigma : (k, 3) m
-
-    Returns
-    -------
-    mean, error : (3,) m, NaN where no row is kept
+    The error is the weighted mean of the errors, as printed (erratum C-9). Kinds (k,) are 0 roll, 1 pitch, 2 yaw.
     """
     mean, error = np.full(3, np.nan), np.full(3, np.nan)
     high = np.abs(latitude) > HIGH_LATITUDE
@@ -491,14 +455,7 @@ def published_mean(kind, latitude, offset, sigma) -> tuple[np.ndarray, np.ndarra
 def quiet(aligned: xr.Dataset, **settings) -> xr.Dataset:
     """Linear channels outside the manoeuvres, low-passed and resampled like the reading of a manoeuvre.
 
-    Parameters
-    ----------
-    aligned : Dataset, "align"
-    settings : lowpass_hz, half_width_s, step_s, quiet_margin_s
-
-    Returns
-    -------
-    pieces : Dataset, "com_offset.quiet", pieces as long as a manoeuvre; NaN where there are too few samples
+    Pieces are as long as a manoeuvre; NaN where there are too few samples.
     """
     linear, epochs, readings = aligned["linear_b"].values, [np.zeros(0)], [np.zeros((0, 3))]
     for inside, good, operator in quiet_operators(aligned, linear, settings):
@@ -550,14 +507,7 @@ def quiet_spans(aligned, settings):
 
 
 def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Dataset:
-    """Autoregressive model of each linear channel, none where there is too little quiet data.
-
-    Parameters
-    ----------
-    pieces : Dataset, "com_offset.quiet"
-    drift_degree : of each piece
-    noise_order : highest of the model
-    """
+    """Autoregressive model of each linear channel, none where there is too little quiet data."""
     step, reading = float(pieces.attrs["step_s"]), pieces["reading"].values
     seconds = step * int(np.isfinite(reading[:, 0]).sum())
     count = int(pieces.attrs["manoeuvres"])

@@ -177,15 +177,11 @@ def known_lead(one: Manoeuvre, entry: Entry) -> float | None:
 def whitened_edges(smoothed: xr.Dataset, delays: np.ndarray) -> np.ndarray:
     """Edge times (k + 1,) s, or a column of them, over their error; 0 for those without one.
 
-    Where between two samples of the accelerometer an edge falls cannot be told from momentary readings: the wave's
-    period is a whole number of samples, so that all edges of a manoeuvre fall on the same part of it. Manoeuvres that
-    are commanded a whole number of samples apart share it, others do not; which, no record says, and the covariance
-    holds one error of a sample over the square root of 12 that all share and one of each.
-
-    Parameters
-    ----------
-    smoothed : Dataset, "com_offset.attitude"
-    delays : (k + 1,) edges of the accelerometer less those of the star camera in each manoeuvre, and against telemetry
+    They are edges of the accelerometer less those of the star camera in each manoeuvre, and against telemetry. Where
+    between two samples of the accelerometer an edge falls cannot be told from momentary readings: the wave's period is
+    a whole number of samples, so that all edges of a manoeuvre fall on the same part of it. Manoeuvres that are
+    commanded a whole number of samples apart share it, others do not; which, no record says, and the covariance holds
+    one error of a sample over the square root of 12 that all share and one of each.
     """
     steps = np.diff(smoothed["time_acc"].values)
     between = float(np.median(steps)) ** 2 / 12 if steps.size else 0.0

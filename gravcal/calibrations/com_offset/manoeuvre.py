@@ -123,13 +123,8 @@ class Manoeuvre:
 def manoeuvres(aligned: xr.Dataset, field_: xr.Dataset, smoothed: xr.Dataset, offset, noise, settings) -> list:
     """Every manoeuvre that has an attitude and accelerometer samples.
 
-    Parameters
-    ----------
-    aligned, field_, smoothed : Dataset, "com_offset.align", "com_offset.field", "com_offset.attitude"
-    offset : (3,) m, present estimate
-    noise : {channel: Measured}, may be completed later
-    settings : inertia, dipole_per_current, mass, dynamics, torque_degree, integration_step_s, linear_drift_degree,
-        low-pass of the solution
+    Products are "align", "com_offset.field" and "com_offset.attitude", the offset (3,) m is the present estimate, noise
+    {channel: Measured} may be completed later; settings as of `observations.observe`.
     """
     per_current = np.asarray(settings["dipole_per_current"])
     found = motion.windows(aligned, field_, settings["inertia"], per_current, settings["dynamics"] == "full")
@@ -231,14 +226,7 @@ def _context(window, shift, base, orbit, time):
 
 
 def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings) -> Block:
-    """Observed rows, columns of the offset, and local columns of one manoeuvre.
-
-    Parameters
-    ----------
-    one : Manoeuvre
-    aligned, smoothed : Dataset, "com_offset.align", "com_offset.attitude"
-    settings : linear_drift_degree, angular_drift_degree
-    """
+    """Observed rows, columns of the offset, and local columns of one manoeuvre."""
     linear, angular = (aligned[name].values[one.rows] for name in ("linear_b", "angular_b"))
     residual = np.zeros((one.window.time.size, 3))
     residual[one.window.good] = smoothed["sca_residual_b"].values[smoothed["sca_manoeuvre"].values == one.index]
@@ -331,22 +319,11 @@ def of_torque(one: Manoeuvre, torque_of) -> dict[str, np.ndarray]:
 
 
 def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Reading that the model of a channel predicts, and whitened rows in its unit.
+    """Reading that the model of a channel predicts, and whitened rows (n, q) of all channels in its unit.
 
-    The linear and the angular reading are those after the low-pass of the solution; the attitude is the rotation from
-    a satellite whose torquers are off.
-
-    Parameters
-    ----------
-    one : Manoeuvre
-    channel : of `CHANNELS`
-    rows : (n, q) 1, of all channels
-
-    Returns
-    -------
-    time : (m,) s
-    model : (m, 3) m s-2, rad s-2, rad or T
-    columns : (q, m, 3) the same unit, NaN where there is no sample
+    The linear and the angular reading are those after the low-pass of the solution; the attitude is the rotation from a
+    satellite whose torquers are off. Time (m,) s, model (m, 3) m s-2, rad s-2, rad or T, columns (q, m, 3) likewise,
+    NaN where there is no sample.
     """
     valid, time = one.valid[channel], one.times[channel]
     parts = rows[one.place(channel)].reshape(3, valid.size, -1)
@@ -359,14 +336,7 @@ def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray,
 
 
 def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict[str, Measured], dict]:
-    """Noise and samples an axis of the channels whose noise quiet data show, {channel: ...} each.
-
-    Parameters
-    ----------
-    aligned, field_ : Dataset, "com_offset.align", "com_offset.field"
-    settings : inertia, dipole_per_current, lowpass_hz, half_width_s, step_s, drift_degree, linear_drift_degree,
-        angular_drift_degree, noise_order, attitude_noise_order, quiet_margin_s
-    """
+    """Noise and samples an axis of the channels whose noise quiet data show, {channel: ...} each."""
     time, spans = aligned["time_acc"].values, list(quiet_spans(aligned, settings))
     models, samples, count = {}, {}, aligned.sizes["manoeuvre"]
     for channel in ("linear", "angular"):
@@ -378,45 +348,36 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
             pieces.append(operator(piece - piece[len(piece) // 2]))
             epochs.append(operator.time)
         cleaned, _ = without_lines(pieces, settings["step_s"]) if pieces else ([], None)
-        degree, orders = settings[f"{channel}_drift_degree"], (settings["noise_order"], settings["step_s"])
-        about = [degree + 1] * len(pieces), nearest(aligned, epochs), count
-        models[channel] = _measured(cleaned, _without_drift(degree), orders, *about)
+        drifts, orders = (
+            _drifts(cleaned, settings[f"{channel}_drift_degree"]),
+            (settings["noise_order"], settings["step_s"]),
+        )
+        models[channel] = _measured(cleaned, drifts, orders, nearest(aligned, epochs), count)
         samples[channel] = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
     sampled = [(t, v, valid) for t, v, valid in (at_one_hertz(field_, *span) for span in spans) if valid.sum() >= 60]
     pieces = [np.where(valid[:, None], values, np.nan) for _, values, valid in sampled]
     near = nearest(aligned, [t for t, _, _ in sampled])
-    degree, orders = settings["drift_degree"], (settings["attitude_noise_order"], 1.0)
-    about = [degree + 1] * len(pieces), near, count
-    models["magnetometer"] = _measured(pieces, _without_drift(degree), orders, *about)
+    drifts, orders = _drifts(pieces, settings["drift_degree"]), (settings["attitude_noise_order"], 1.0)
+    models["magnetometer"] = _measured(pieces, drifts, orders, near, count)
     samples["magnetometer"] = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
     return models, samples
 
 
-def _measured(pieces, clean, orders, lost, near, count):
-    """Noise at each of so many manoeuvres, from pieces that lose some parameters each, and the manoeuvre near each."""
+def _measured(pieces, columns, orders, near, count):
+    """Noise at each of so many manoeuvres, from pieces beside columns (n_i, 3, q_i), and the manoeuvre near each."""
     if not pieces:
         return Measured([[]] * count, np.zeros((count, 3)))
+    clean, lost = beside(pieces, columns), [one.shape[2] / 3 for one in columns]
     models = fit_detrended(pieces, clean, *orders)
     found = levels(models, [clean(piece, index) for index, piece in enumerate(pieces)], lost, near, count)
     louder = [[m.louder(f) for m, f in zip(models, row, strict=True)] for row in found.value]
     return Measured(louder, found.error)
 
 
-def _without_drift(degree):
-    """What removes a polynomial from a segment, NaN staying where it is."""
-
-    @functools.cache
-    def basis(count, valid):
-        drift = least_squares.polynomial(np.arange(count), degree, 0, count)
-        return least_squares.orthonormal(drift[np.frombuffer(valid, dtype=bool)])
-
-    def clean(segment, _):
-        valid = np.isfinite(segment).all(axis=1)
-        slow, cleaned = basis(len(segment), valid.tobytes()), np.full_like(segment, np.nan)
-        cleaned[valid] = segment[valid] - slow @ (slow.T @ segment[valid])
-        return cleaned
-
-    return clean
+def _drifts(pieces, degree):
+    """Columns (n_i, 3, q) of a polynomial on each axis of pieces (n_i, 3)."""
+    counts = [len(one) for one in pieces]
+    return [on_axes(least_squares.polynomial(np.arange(count), degree, 0, count)) for count in counts]
 
 
 def _control(aligned, field_, time, settings):
@@ -436,14 +397,7 @@ def attitude_noise(smoothed: xr.Dataset, views: list[Manoeuvre], wider: list[np.
     """Star camera from the residuals of a fit that is wider than the baseline: with every torque that is tried.
 
     Control torques hide the noise outside the manoeuvres. Unexplained attitude signal widens the model, which costs
-    power and never names anything.
-
-    Parameters
-    ----------
-    smoothed : Dataset, "com_offset.attitude"
-    views : list of Manoeuvre
-    wider : (k, 3, q) rad a manoeuvre, attitude after every torque that is tried
-    order : coefficients of the model
+    power and never names anything. Wider are (k, 3, q) rad a manoeuvre, attitude after every torque that is tried.
     """
     manoeuvre, segments, columns = smoothed["sca_manoeuvre"].values, [], []
     for one, more in zip(views, wider, strict=True):
@@ -451,19 +405,12 @@ def attitude_noise(smoothed: xr.Dataset, views: list[Manoeuvre], wider: list[np.
         residual[one.window.good] = smoothed["sca_residual_b"].values[manoeuvre == one.index]
         segments.append(residual)
         columns.append(np.concatenate([one.local_attitude, one.scale_attitude, more], axis=2))
-    lost = [one.shape[2] / 3 for one in columns]
     index = np.array([one.index for one in views])
-    return _measured(segments, beside(segments, columns), (order, 1.0), lost, index, 1 + index.max())
+    return _measured(segments, columns, (order, 1.0), index, 1 + index.max())
 
 
 def at_one_hertz(field_: xr.Dataset, begin: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time (n,) s, difference (n, 3) T and valid (n,) of every second sample, as the field is written twice a second.
-
-    Parameters
-    ----------
-    field_ : Dataset, "com_offset.field"
-    begin, end : s
-    """
+    """Time (n,) s, difference (n, 3) T and valid (n,) of every second sample: the field is written twice a second."""
     time = field_["time_mag"].values
     inside = np.flatnonzero((time > begin) & (time < end))
     measured = field_["measured_b"].values[inside]

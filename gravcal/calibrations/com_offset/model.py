@@ -17,13 +17,7 @@ ORBITAL_PERIOD_S = 97.13 * 60.0  # Sec. 3.4 of the CoM paper; erratum C-7
 
 
 def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
-    """Geomagnetic field along the orbit and the magnetometer's difference to it in the body.
-
-    Parameters
-    ----------
-    aligned : Dataset, "align"
-    igrf_generation : 13 or 14
-    """
+    """Geomagnetic field along the orbit and the magnetometer's difference to it in the body, of an "align"."""
     good = aligned["orbit_flag"].values == 0
     time = aligned["time_orbit"].values[good]
     position_e = aligned["position_e"].values[good]
@@ -74,12 +68,8 @@ def survey(aligned: xr.Dataset, checked: xr.Dataset) -> xr.Dataset:
 
     Rate and torque pass the same operator: the slope of a parabola over five samples of the attitude, and of the torque
     integrated twice. A quadratic drift of the rate is estimated along, and the error counts the correlation of the
-    residuals. slope = k / Ixx, dipole per current over roll inertia (docs/com_offset.md, Limits).
-
-    Parameters
-    ----------
-    aligned : Dataset, "align"
-    checked : Dataset, "com_offset.field"
+    residuals. slope = k / Ixx, dipole per current over roll inertia (docs/com_offset.md, Limits). Products are "align"
+    and "com_offset.field".
     """
     time, rate, impulse = _series(aligned, checked)
     slope, sigma = _slope(rate, impulse)
@@ -137,8 +127,7 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
 
     Parameters
     ----------
-    smoothed : Dataset, "com_offset.attitude"
-    aligned : Dataset, "align"
+    smoothed, aligned : Dataset, "com_offset.attitude" and "align"
     settings : variant, method, angular_scale_sigma, inertia and dipole_per_current, each of the two with its sigma
     """
     variant, torquer = settings["variant"], smoothed["rate_dot_mtq_b"].values
@@ -232,18 +221,13 @@ def equations(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **
     """Resampled reading, columns, instruments and modes of every manoeuvre, for one angular acceleration.
 
     CoM paper eqs. 3-5; erratum C-12 for the operator, one for reading and columns. The columns are linear in the
-    angular acceleration, so that this is resampled, not its nine columns.
+    angular acceleration, so that this is resampled, not its nine columns. A manoeuvre with too few samples has no
+    epochs.
 
     Parameters
     ----------
-    aligned : Dataset, "align"
-    smoothed : Dataset, "com_offset.attitude"
-    angular : Dataset, "com_offset.angular_acceleration"
+    aligned, smoothed, angular : Dataset, "align", "com_offset.attitude" and "com_offset.angular_acceleration"
     settings : lowpass_hz, half_width_s, step_s
-
-    Returns
-    -------
-    resampled : Dataset, "com_offset.equations"; a manoeuvre with too few samples has no epochs in it
     """
     records, motion, turning = arrays(aligned), arrays(smoothed), arrays(angular)
     driven, modes = int(angular.attrs["variant"] != "mtq"), angular.sizes["mode_index"]
@@ -320,13 +304,7 @@ def _block(aligned, smoothed, angular, index, driven, settings):
 
 
 def published_calibrated(measured: np.ndarray, torquer: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Angular accelerometer adjusted to the torquer axis by axis with orbital Fourier terms, eqs. 31-33.
-
-    Parameters
-    ----------
-    measured, torquer : (n, 3) rad s-2
-    time : (n,) s
-    """
+    """Angular accelerometer (n, 3) adjusted to the torquer axis by axis with orbital Fourier terms, eqs. 31-33."""
     phase = 2 * np.pi * (time - time[0]) / ORBITAL_PERIOD_S
     slow = [np.ones_like(phase), np.sin(phase), np.sin(2 * phase), np.cos(phase), np.cos(2 * phase)]
     adjusted = np.empty_like(measured)

@@ -21,13 +21,10 @@ LARGE = 400.0  # chi-square of an effect whose second order may be seen
 
 
 def observe(products: Mapping[str, xr.Dataset], **settings) -> ComOffset | None:
-    """Observations of an event, None without manoeuvre.
+    """Observations of an event from "align", "field", "attitude" and "solve" with variant mtq, None without manoeuvre.
 
-    Parameters
-    ----------
-    products : "align", "field", "attitude" and "solve" of com_offset, solved with variant mtq
-    settings : of the stages attitude, noise and solve, with inertia, dipole_per_current and mass; for the blocks also
-        linear_drift_degree and angular_drift_degree, and for `common` drag_sigma_m_s2 and period_s
+    Settings are those of the stages attitude, noise and solve, with inertia, dipole_per_current and mass; for the
+    blocks also linear_drift_degree and angular_drift_degree, and for `common` drag_sigma_m_s2 and period_s.
     """
     if not products["align"].sizes["manoeuvre"]:
         return None

@@ -85,14 +85,7 @@ class Form:
 
 
 def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray, forms=None) -> list[Candidate]:
-    """Effects of the catalogue, then regressors made of the measured channels, in each manoeuvre and the edge times.
-
-    Parameters
-    ----------
-    views : list of Manoeuvre
-    smoothed : Dataset, "com_offset.attitude"
-    starts : (k,) s, of the manoeuvres
-    """
+    """Effects of the catalogue, then regressors made of the measured channels, in each manoeuvre and the edge times."""
     if forms is None:
         forms = [form for entry in _entries() for form in _forms(entry)] + (_drivers(views[0]) if views else [])
     tables, found = [_table(one, forms) for one in views], []
@@ -264,9 +257,7 @@ def _unknown(channel, driver, form, width, signal, **known):
 
 def _series(one) -> list[tuple[str, str, np.ndarray]]:
     """Driver channels, form, and (n, k) 1 of a size near one, on the accelerometer epochs of a manoeuvre."""
-    if "drivers" not in one.memory:
-        one.memory["drivers"] = [(a, b, c.reshape(len(c), -1)) for a, b, c in _made_series(one)]
-    return one.memory["drivers"]
+    return one.remembered(("drivers",), _made_series)
 
 
 def _made_series(one):
@@ -286,29 +277,29 @@ def _made_series(one):
     rows += [(name, form, values) for form, (name, values) in bases.items()]
     rows += [("time", f"decay {t:g} s from the start", np.exp(-(u * 180.0) / t)) for t in SETTLING_S]
     rows.append(("time", "saw-tooth of the second", (time % 1.0) - 0.5))
-    return rows
+    return [(driver, form, values.reshape(len(values), -1)) for driver, form, values in rows]
 
 
 def _bases(one) -> dict[str, tuple[str, np.ndarray]]:
     """Measured series of a size near one that laws are made of: {words: (driver, (n,))}."""
-    if "bases" not in one.memory:
-        c, time = one.context, one.context.time
-        current = c.dipole_b.sum(axis=1) / max(np.abs(c.dipole_b).max(), 1e-30)
-        rate, place = c.rate_b - c.rate_b.mean(axis=0), [np.interp(time, one.orbit[0], p) for p in one.orbit[1].T]
-        angle = np.cumsum(rate * np.diff(time, prepend=time[0])[:, None], axis=0)
-        latitude = np.arcsin(place[2] / np.linalg.norm(place, axis=0))
-        found = {CURRENT: ("torquer_current", current)}
-        change = np.diff(current, prepend=0.0) / np.median(np.diff(time))
-        found[CHANGE] = ("torquer_current", change)
-        vectors = {"rate": rate, "angular acceleration": c.rate_dot_b, "attitude": angle - angle.mean(axis=0)}
-        for name, values in vectors.items():
-            size = max(np.abs(values).max(), 1e-30)
-            found |= {f"{name} {a}": (name.replace(" ", "_"), values[:, i] / size) for i, a in enumerate("xyz")}
-        found |= {f"field {a}": ("field", 2e4 * c.field_b[:, i]) for i, a in enumerate("xyz")}
-        found["strength of the field"] = ("field", 2e4 * np.linalg.norm(c.field_b, axis=1))
-        found |= {LATITUDE: ("latitude", latitude), "sunlight with a lag": ("eclipse", c.extra["warmth"])}
-        one.memory["bases"] = found
-    return one.memory["bases"]
+    return one.remembered(("bases",), _made_bases)
+
+
+def _made_bases(one):
+    c, time = one.context, one.context.time
+    current = c.dipole_b.sum(axis=1) / max(np.abs(c.dipole_b).max(), 1e-30)
+    rate, place = c.rate_b - c.rate_b.mean(axis=0), [np.interp(time, one.orbit[0], p) for p in one.orbit[1].T]
+    angle = np.cumsum(rate * np.diff(time, prepend=time[0])[:, None], axis=0)
+    vectors = {"rate": rate, "angular acceleration": c.rate_dot_b, "attitude": angle - angle.mean(axis=0)}
+    change = np.diff(current, prepend=0.0) / np.median(np.diff(time))
+    found = {CURRENT: ("torquer_current", current), CHANGE: ("torquer_current", change)}
+    for name, values in vectors.items():
+        size = max(np.abs(values).max(), 1e-30)
+        found |= {f"{name} {a}": (name.replace(" ", "_"), values[:, i] / size) for i, a in enumerate("xyz")}
+    found |= {f"field {a}": ("field", 2e4 * c.field_b[:, i]) for i, a in enumerate("xyz")}
+    found["strength of the field"] = ("field", 2e4 * np.linalg.norm(c.field_b, axis=1))
+    found[LATITUDE] = ("latitude", np.arcsin(place[2] / np.linalg.norm(place, axis=0)))
+    return found | {"sunlight with a lag": ("eclipse", c.extra["warmth"])}
 
 
 CURRENT, CHANGE, LATITUDE = "the current", "the change of the current", "the latitude"
@@ -364,14 +355,7 @@ def edge_block(smoothed: xr.Dataset) -> Block:
 
 
 def edge_column(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray | None:
-    """Whitened column (k + 1, 1) of an effect on tags in the edge times; None where it does nothing.
-
-    Parameters
-    ----------
-    slug : of the effect
-    smoothed : Dataset, "com_offset.attitude"
-    starts : (k,) s, of the manoeuvres
-    """
+    """Whitened column (k + 1, 1) of an effect on tags in the edge times; None where it does nothing."""
     one, middle = np.ones(smoothed["acc_shift"].size), starts - starts[0]
     column = {
         "timing.accelerometer_delay": lambda: np.append(one, 1.0),
@@ -388,13 +372,9 @@ def edge_column(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarr
 def waves(entry: Entry, views: list[Manoeuvre], blocks: list[Block]) -> tuple[Wave, ...]:
     """Cosine and sine of a line on each axis of each manoeuvre.
 
-    The search fits a sine to whitened rows. A sine of the reading, taken through low-pass and whitening, gives the
-    same rows for one size and phase, which are those of the reading.
-
-    Parameters
-    ----------
-    entry : with parameters frequency, cosine_<axis>_<manoeuvre> and sine_<axis>_<manoeuvre>, whitened
-    views, blocks : of the event
+    The search fits a sine to whitened rows. A sine of the reading, taken through low-pass and whitening, gives the same
+    rows for one size and phase, which are those of the reading. The entry has the parameters frequency,
+    cosine_<axis>_<manoeuvre> and sine_<axis>_<manoeuvre>, whitened.
     """
     values, channel, found = entry.values, entry.form.split()[0], []
     for number, (one, block) in enumerate(zip(views, blocks[: len(views)], strict=True)):
@@ -493,12 +473,6 @@ def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry])
 
     To first order in the effects: readings less their contribution, attitude less the rotation that an extra torque
     makes, tags less their delay. Nothing outside the manoeuvres changes but the tags.
-
-    Parameters
-    ----------
-    aligned : Dataset, "com_offset.align"
-    views : one a manoeuvre
-    model : list of Entry
     """
     extended = aligned.copy(deep=True)
     for entry in sorted(model, key=lambda e: e.cause == lag.CAUSE):  # what is left says where edges fall
