@@ -35,30 +35,12 @@ BEND = np.outer([1, -2, 1], [1, -2, 1])  # that of the fifth derivative, which i
 
 
 def orbit_frame(position_i, velocity_i):
-    """Rotation (n, 3, 3) from i to the orbit frame: z to nadir, y against the orbit normal, x forward.
-
-    Parameters
-    ----------
-    position_i, velocity_i : (n, 3) m, m s-1
-    """
-    z = -position_i / np.linalg.norm(position_i, axis=1, keepdims=True)
-    y = np.cross(velocity_i, position_i)
-    y /= np.linalg.norm(y, axis=1, keepdims=True)
-    return np.stack([np.cross(y, z), y, z], axis=1)
+    """Rotation (n, 3, 3) from i to the orbit frame: z to nadir, y against the orbit normal, x forward; m, m s-1."""
+    return frames.flight_frame(np.concatenate([position_i, velocity_i], axis=1))[:, ::-1] * [[1], [1], [-1]]
 
 
 def orbit_rates(time, position_i, velocity_i):
-    """Rate of the orbit frame and its derivative, from the orbit alone.
-
-    Parameters
-    ----------
-    time : (n,) s, gaps allowed
-    position_i, velocity_i : (n, 3) m, m s-1
-
-    Returns
-    -------
-    rate_o, rate_dot_o : (n, 3) rad s-1, rad s-2, of o with respect to i
-    """
+    """Rate (n, 3) rad s-1 of the orbit frame against i and its derivative, from the orbit, which may have gaps."""
     since = time - time[0]
     every = max(1, int(NODE_STEP / np.median(np.diff(time))))
     kept = np.unique(np.append(np.arange(0, time.size, every), time.size - 1))
@@ -71,13 +53,7 @@ def orbit_rates(time, position_i, velocity_i):
 
 
 def angles(quaternion, R_oi):
-    """Angles (n, 3) rad from the orbit frame to the body, R_bo = R1(roll) R2(pitch) R3(yaw).
-
-    Parameters
-    ----------
-    quaternion : (n, 4) scalar first, b to i
-    R_oi : (n, 3, 3)
-    """
+    """Angles (n, 3) rad from the orbit frame to the body, R_bo = R1(roll) R2(pitch) R3(yaw); R_oi (n, 3, 3)."""
     R = frames.R_bi_from_quaternion(quaternion) @ np.swapaxes(R_oi, -1, -2)
     roll, pitch = np.arctan2(R[:, 1, 2], R[:, 2, 2]), -np.arcsin(np.clip(R[:, 0, 2], -1, 1))
     return np.stack([roll, pitch, np.arctan2(R[:, 0, 1], R[:, 0, 0])], axis=1)
@@ -103,19 +79,8 @@ def axes(angle):
 
 
 def body_rates(angle, angle_dot, angle_ddot, rate_o, rate_dot_o):
-    """Rate and angular acceleration of the body with respect to inertial space.
+    """Rate and angular acceleration (n, 3) of the body against i, from its angles and the rates of the orbit frame.
 
-    Parameters
-    ----------
-    angle, angle_dot, angle_ddot : (n, 3) rad, rad s-1, rad s-2
-    rate_o, rate_dot_o : (n, 3) rad s-1, rad s-2, of the orbit frame
-
-    Returns
-    -------
-    rate_b, rate_dot_b : (n, 3) rad s-1, rad s-2
-
-    Notes
-    -----
     w = E phi' + R_bo w_o; w' = E phi'' + E' phi' - (E phi') x (R_bo w_o) + R_bo w_o'.
     """
     E, R = axes(angle), R_bo(angle)
@@ -167,18 +132,10 @@ def _design(operator, table):
 
 
 def normal(blocks, table):
-    """Banded normal matrix and right side.
+    """Banded normal matrix, lower band (18, 3 count), and right side (3 count,).
 
-    Parameters
-    ----------
-    blocks : list of (operator (n, 3, 3, 3), residual (n, 3)), divided by their standard deviations; operator[:, d] is
-        the derivative of the observed vector by the d-th derivative of the angles
-    table : Basis
-
-    Returns
-    -------
-    band : (18, 3 count) lower band
-    right : (3 count,)
+    Blocks are operator (n, 3, 3, 3) and residual (n, 3) over their standard deviations; operator[:, d] is the
+    derivative of the observed vector by the d-th derivative of the angles.
     """
     band, right = np.zeros((WIDTH, 3 * table.count)), np.zeros(3 * table.count)
     last = 3 * (table.count - ACTIVE) + 1
@@ -205,15 +162,8 @@ def _banded(squares, shift):
 def torque_prior(corners, white, free, step):
     """Lower bands of the prior of one angle: of its splines (6, count), of their third derivative (3, count - 3).
 
-    Parameters
-    ----------
-    corners : (2,) logarithms of frequencies over the rate of the knots
-    white : rad2 s-3, density of the angular noise
-    free : (count - 5,) bool, knot intervals in which torque may change at will
-    step : s, distance of the knots
-
-    Notes
-    -----
+    Corners (2,) are logarithms of frequencies over the rate of the knots, white rad2 s-3 the density of the angular
+    noise, free (count - 5,) the knot intervals in which torque may change at will, step s the distance of the knots.
     Torque over inertia has the density white / [(w/w1)^2 + (w/w3)^6], a random walk that falls steeply beyond a corner:
     -2 log p is the integral of [(d3/w1)^2 + (d5/w3^3)^2] / white, with d3 and d5 the derivatives of the angle.
     """
@@ -233,15 +183,9 @@ def _pull(inner, coefficients, step):
 def unlikeliness(corners, data, right, start, *given):
     """Minus the logarithm of the evidence of the observations of one angle, but for what no corner changes.
 
-    Parameters
-    ----------
-    corners, given : arguments of torque_prior
-    data, right, start : (6, count), (count,) normal equations of the observations at the coefficients start (count,)
-
-    Notes
-    -----
-    2 log p = log|M| - log|N + P| + g^T (N + P)^-1 g - c^T P c with g = A^T r - P c, and M the prior of the third
-    derivative: of angle, rate and torque at the start P says nothing.
+    Data and right are the normal equations of the observations at the coefficients start, given are those of
+    torque_prior. 2 log p = log|M| - log|N + P| + g^T (N + P)^-1 g - c^T P c with g = A^T r - P c, and M the prior of
+    the third derivative: of angle, rate and torque at the start P says nothing.
     """
     splines, inner = torque_prior(corners, *given)
     pull, square = _pull(inner, start, given[-1])
@@ -258,20 +202,10 @@ def solve(band, right):
 
 
 def band_covariance(band):
-    """Inverse of the normal matrix inside its band.
+    """Inverse of a lower band (18, 3 count) inside the band: blocks (b, 18, 18) on the diagonal, and right of it.
 
-    Parameters
-    ----------
-    band : (18, 3 count) lower band
-
-    Returns
-    -------
-    diagonal, upper : (b, 18, 18) blocks of the inverse on the diagonal, and right of it
-
-    Notes
-    -----
-    Blocks of six splines make the matrix block-tridiagonal; Z_kk = D_k^-1 + U_k Z_(k+1)(k+1) U_k^T with
-    D_k the Schur complements and U_k = D_k^-1 A_k(k+1).
+    Blocks of six splines make the matrix block-tridiagonal; Z_kk = D_k^-1 + U_k Z_(k+1)(k+1) U_k^T with D_k the Schur
+    complements and U_k = D_k^-1 A_k(k+1).
     """
     size = band.shape[1]
     count = -(-size // WIDTH)
@@ -298,14 +232,7 @@ def band_covariance(band):
 
 
 def propagate(operator, table, covariance):
-    """Covariance (n, 3, 3) of linear functions of the angles and their derivatives at each epoch.
-
-    Parameters
-    ----------
-    operator : (n, 3, 3, 3), as for normal
-    table : Basis
-    covariance : (diagonal, upper), band_covariance
-    """
+    """Covariance (n, 3, 3) of linear functions of the angles and their derivatives, operators as for `normal`."""
     diagonal, upper = covariance
     unknown = 3 * np.arange(table.count - DEGREE)[:, None] + np.arange(WIDTH)
     row = np.minimum(unknown[:, :, None], unknown[:, None, :])
@@ -358,8 +285,7 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
     angular_b : (n, 3) rad s-2, test mass relative to satellite, NaN where not usable
     orbit : R_oi (n, 3, 3), rate_o and rate_dot_o (n, 3) rad s-1, rad s-2
     free_test_mass : callable, (R_bi, rate_b) -> (n, 3) rad s-2, angular acceleration of the free test mass
-    angle_sigma, angular_sigma : (3,) rad of each attitude, rad s-2 of each sample
-    knot_step : s, distance of the knots
+    angle_sigma, angular_sigma, knot_step : (3,) rad of each attitude, rad s-2 of each sample; s between knots
 
     Notes
     -----

@@ -21,10 +21,9 @@ def inputs(modelled: xr.Dataset, observed: xr.Dataset, *, satellite: Mapping, **
 
     Parameters
     ----------
-    modelled : Dataset, "gradient_torque.gradient"
-    observed : Dataset, "ingest" of the same file
+    modelled, observed : Dataset, "gradient_torque.gradient" and "ingest" of the same file
     satellite : orbit_height, sensor_position, linear_noise_density, angular_noise_density of the catalogue
-    limits : settings of the stage "checks"
+    limits : settings of the stage
     """
     time, step = observed["time"].values, float(np.median(np.diff(modelled["time"].values)))
     position, velocity, quaternion = (observed[name].values for name in ("position", "velocity", "q"))
@@ -87,14 +86,7 @@ def _from_one(model, reading):
 
 
 def result(modelled: xr.Dataset, drags: Mapping[str, xr.Dataset], limits: Mapping[str, float]) -> list[Check]:
-    """Checks of the drag: fit of the attitude, methods against each other, plausible size and direction.
-
-    Parameters
-    ----------
-    modelled : Dataset, "gradient_torque.gradient"
-    drags : {method: Dataset, "gradient_torque.drag"}
-    limits : all settings
-    """
+    """Checks of the drag, {method: Dataset}: attitude fit, methods against each other, plausible size and direction."""
     one = drags["one_sensor"]
     drag = one["drag_b"].values
     drag = drag[np.isfinite(drag).all(axis=1)]

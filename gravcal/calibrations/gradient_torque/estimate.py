@@ -37,9 +37,7 @@ def drag(
     modelled : Dataset, "gradient_torque.gradient"
     variant : one of VARIANTS, with ".clean" behind for the readings of a simulation without noise
     single_sensor : 1 or 2
-    elongation : 1
-    gravity_sigma_scale : 1, times the standard deviations of the field
-    torque_step_s : s; torque_noise_order : 1; for the torque balance
+    elongation, gravity_sigma_scale, torque_step_s, torque_noise_order : settings of the stage
     control_hz, control_damping : Hz, 1, law of the attitude control; 0 Hz: not known, no torque balance
     satellite : numbers of the catalogue
 
@@ -57,8 +55,8 @@ def drag(
     motion = METHODS.index("two_sensor" if method == "two_sensor" else "one_sensor")
     linear, places = modelled["linear_b"].values[:, sensors], modelled["sensor_position_b"].values[sensors]
     place, reading = places.mean(axis=0), linear.mean(axis=1)
-    rates = (modelled[name].values[motion] for name in ("rate_b", "rate_dot_b"))
-    tensor = offset_tensor(*rates, modelled["gradient_b"].values)
+    turning = *(modelled[name].values[motion] for name in ("rate_b", "rate_dot_b")), modelled["gradient_b"].values
+    tensor = offset_tensor(*turning)
     step = float(np.median(np.diff(modelled["time"].values)))
     white = np.diag(np.array(satellite["linear_noise_density"]) ** 2) / (2 * step * len(sensors))
     by_motion = modelled["motion_covariance"].values[motion]
@@ -78,7 +76,7 @@ def drag(
         vectors = model.printed_vectors(*body, satellite["centre_of_pressure"], place)
         drag_b = model.printed_drag(reading, modelled["angular_b"].values[:, single_sensor - 1], *vectors)[0]
     else:
-        drag_b = model.drag_from(linear, tensor, places)
+        drag_b = model.drag(linear, *turning, places)
     held = sum(parts[:3])
     values = {
         "time": modelled["time"].values,
@@ -105,11 +103,7 @@ def drag(
 def gravity_covariance(variance: np.ndarray, up_b: np.ndarray, place: np.ndarray) -> np.ndarray:
     """Covariance (n, 3, 3) m2 s-4 of dG r for errors of the field that are alike in all directions.
 
-    Parameters
-    ----------
-    variance : (3,) s-4, of radial-radial, radial-tangential and tangential shear (gravity.error_covariance)
-    up_b : (n, 3) unit vectors away from the Earth
-    place : (3,) m
+    Variances (3,) s-4 are those of `gravity.error_covariance`, up_b (n, 3) unit vectors away from the Earth.
     """
     rr, rt, tt = variance
     along = (up_b @ place)[:, None, None]
@@ -125,17 +119,8 @@ def gravity_covariance(variance: np.ndarray, up_b: np.ndarray, place: np.ndarray
 def uncontrolled_torque(
     modelled: xr.Dataset, method: str, inertia: np.ndarray, control_hz: float, damping: float
 ) -> np.ndarray:
-    """Torque (n, 3) N m that gravity gradient and control leave.
+    """Torque (n, 3) N m that gravity gradient and control leave of the motion of one of METHODS.
 
-    Parameters
-    ----------
-    modelled : Dataset, "gradient_torque.gradient"
-    method : of METHODS, whose motion is taken
-    inertia : (3, 3) kg m2
-    control_hz, damping : Hz, 1, law of the attitude control
-
-    Notes
-    -----
     I_B w' + w x I_B w - vex(I_B G - G I_B) = x_cp x m a_drag + control + rest; S-GRS paper, eq. 12 with the bracket
     where it belongs (erratum S-4). Control is -I_B (W^2 angle + 2 D W angle'): angles are fed back, so gains fitted to
     them would be biased by the rest, which the angles follow.
@@ -150,11 +135,7 @@ def uncontrolled_torque(
 def unsmoothed(modelled: xr.Dataset, method: str, sensors: slice | list, test_mass_inertia: np.ndarray) -> np.ndarray:
     """Angular acceleration (n, 3) rad s-2 that is read beyond the smoothed one; torque needs it not to be too small.
 
-    Parameters
-    ----------
-    modelled : Dataset, "gradient_torque.gradient"
-    method, sensors : of METHODS, whose motion is taken; numbers from 0, of which the mean is
-    test_mass_inertia : (3, 3) kg m2
+    The reading is the mean of some sensors, counted from 0; method as of `uncontrolled_torque`.
     """
     w, wd = (modelled[name].values[METHODS.index(method)] for name in ("rate_b", "rate_dot_b"))
     free = model.free_mass_angular_acceleration(test_mass_inertia, modelled["gradient_b"].values, w)
@@ -162,19 +143,15 @@ def unsmoothed(modelled: xr.Dataset, method: str, sensors: slice | list, test_ma
 
 
 def balance(torque, drag_b, place, satellite, *, width, step, order):
-    """Centre of pressure from the torque balance.
+    """Centre of pressure (3,) m from the torque balance, its covariance, and the rms (3,) N m of the torque left.
 
     Parameters
     ----------
     torque, drag_b : (n, 3) N m, m s-2, uncontrolled torque and drag, with the angular acceleration as read
     place : (3,) m, of the test mass whose readings gave drag and angular acceleration
     satellite : inertia, mass, centre_of_pressure with sigma, angular_noise_density
-    width, step : samples and s of a mean; noise of the regressor must stay far below its signal
-    order : of the noise model
-
-    Returns
-    -------
-    pressure : (3,) m; its covariance (3, 3) m2; rest : (3,) N m, rms of the torque that is left
+    width, step, order : samples and s of a mean (noise of the regressor must stay far below its signal); of the noise
+        model
 
     Notes
     -----
@@ -217,13 +194,7 @@ def balance(torque, drag_b, place, satellite, *, width, step, order):
 
 
 def with_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Drag with covariances that hold the errors of the effects that were taken out of the readings before.
-
-    Parameters
-    ----------
-    found : Dataset, "gradient_torque.drag"
-    moved : Dataset, "gradient_torque.drag", one for each direction of the model's errors
-    """
+    """Drag with covariances that hold the errors of the effects that were taken out of the readings before."""
     held = {"drag_b": ("covariance", "covariance_total"), "pressure": ("pressure_covariance",)}
     return replaced(found, widened(found, moved, {name: held[name] for name in held if name in found}))
 

@@ -51,13 +51,7 @@ def field_of(stored: xr.Dataset) -> gravity.Field:
 
 
 def orbit(observed: xr.Dataset, gap_limit_s: float) -> tuple[np.ndarray, np.ndarray]:
-    """Position m and velocity m s-1 in i, (n, 3) each, missing rows filled by a cubic spline.
-
-    Parameters
-    ----------
-    observed : Dataset, "ingest" of an SGRS file
-    gap_limit_s : s, longest gap filled
-    """
+    """Position m and velocity m s-1 in i, (n, 3) each, of an SGRS file; gaps up to a limit filled by a cubic spline."""
     time, columns = observed["time"].values, []
     for name in ("position", "velocity"):
         values = observed[name].values
@@ -91,11 +85,8 @@ def gradient(
 
     Parameters
     ----------
-    observed : Dataset, "ingest" of an SGRS file
-    stored : Dataset, "gradient_torque.field"
-    field_degree : highest degree of the field
-    knot_step_s, gap_limit_s : s
-    single_sensor : 1 or 2, the one that the one-sensor methods use
+    observed, stored : Dataset, "ingest" of an SGRS file and "gradient_torque.field"
+    field_degree, knot_step_s, gap_limit_s, single_sensor : settings of the stage
     elongation : 1, of the test masses
     satellite : attitude_noise, angular_noise_density, test_mass, test_mass_inertia of the catalogue
     """
@@ -175,12 +166,8 @@ def torque(
 
     Parameters
     ----------
-    modelled : Dataset, "gradient_torque.gradient", for the attitude
-    observed : Dataset, "ingest", for the orbit
-    stored : Dataset, "gradient_torque.field"
-    lowest_degree, highest_degree : int
-    spectrum_step_s : s
-    elongation : 1, of the test mass
+    modelled, observed, stored : Dataset, "gradient_torque.gradient", "ingest" of the file, "gradient_torque.field"
+    lowest_degree, highest_degree, spectrum_step_s, elongation : settings of the stage
     satellite : inertia, test_mass, test_mass_inertia, angular_noise_density
     """
     time, position = observed["time"].values, observed["position"].values
@@ -213,17 +200,9 @@ def torque(
 
 
 def amplitude_spectrum(series: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Amplitude of the sine in each spectral line, with a Hann window; straight lines over missing epochs.
+    """Frequency (m,) Hz without zero, and amplitude (..., m, k) of the sine in each line of even series (..., n, k).
 
-    Parameters
-    ----------
-    series : (..., n, k) evenly spaced
-    step : s
-
-    Returns
-    -------
-    frequency : (m,) Hz, without zero
-    amplitude : (..., m, k) unit of the series
+    With a Hann window; straight lines over missing epochs.
     """
     n = series.shape[-2]
     window, index = np.hanning(n)[:, None], np.arange(n)
@@ -236,27 +215,6 @@ def amplitude_spectrum(series: np.ndarray, step: float) -> tuple[np.ndarray, np.
                 one[lost] = np.interp(index[lost], index[~lost], one[~lost])
     spectrum = np.fft.rfft(window * (series - series.mean(axis=-2, keepdims=True)), axis=-2)
     return np.fft.rfftfreq(n, step)[1:], np.abs(spectrum[..., 1:, :]) * 2 / window.sum()
-
-
-def drag_from(linear_b, tensor_b, com_to_test_mass_b):
-    """Drag from one sensor or several, whose gravity gradient and motion are modelled.
-
-    Parameters
-    ----------
-    linear_b : (..., k, 3) m s-2, relative accelerations
-    tensor_b : (..., 3, 3) s-2, T = M - G (sensing.offset_tensor)
-    com_to_test_mass_b : (k, 3) m
-
-    Returns
-    -------
-    drag_b : (..., 3) m s-2, non-gravitational acceleration of the CoM
-
-    Notes
-    -----
-    a_TM/B = (G - M) r - a_drag, so a_drag = -mean(a_k) + (G - M) mean(r_k); S-GRS paper, eqs. 4-6 with the rate terms
-    where they belong (erratum S-2) and eq. 10, which lacks the second term (erratum S-3).
-    """
-    return -np.mean(linear_b, axis=-2) - np.matvec(tensor_b, np.mean(com_to_test_mass_b, axis=0))
 
 
 def drag(
@@ -281,8 +239,9 @@ def drag(
 
     Notes
     -----
-    a_drag = -mean(a_k) + (G - M) mean(r_k); S-GRS paper, eqs. 4-6 and 10, corrected (errata S-2, S-3). Errors of one
-    sensor are those of T r: `gravcal.calibrations.gradient_torque.estimate` adds them up.
+    a_TM/B = (G - M) r - a_drag, so a_drag = -mean(a_k) + (G - M) mean(r_k); S-GRS paper, eqs. 4-6 with the rate terms
+    where they belong (erratum S-2) and eq. 10, which lacks the second term (erratum S-3). Errors of one sensor are
+    those of T r: `gravcal.calibrations.gradient_torque.estimate` adds them up.
 
     Examples
     --------
@@ -296,25 +255,13 @@ def drag(
     True
     """
     tensor = offset_tensor(np.asarray(rate_b), np.asarray(rate_dot_b), np.asarray(gradient_b))
-    return drag_from(linear_b, tensor, com_to_test_mass_b)
+    return -np.mean(linear_b, axis=-2) - np.matvec(tensor, np.mean(com_to_test_mass_b, axis=0))
 
 
 def free_mass_angular_acceleration(inertia, gradient_b, rate_b):
-    """Angular acceleration of a free test mass that turns with the satellite; zero for a cube (erratum S-5).
+    """Angular acceleration (..., 3) rad s-2 of a free test mass that turns with the satellite; zero for a cube.
 
-    Parameters
-    ----------
-    inertia : (3, 3) kg m2, of the test mass
-    gradient_b : (..., 3, 3) s-2
-    rate_b : (..., 3) rad s-1
-
-    Returns
-    -------
-    angular_b : (..., 3) rad s-2
-
-    Notes
-    -----
-    I^-1 [vex(I G - G I) - w x I w]; S-GRS paper, eqs. 1 and 7, with the inertia of the test mass (erratum S-4).
+    I^-1 [vex(I G - G I) - w x I w]; S-GRS paper, eqs. 1 and 7, with the inertia of the test mass (errata S-4, S-5).
     """
     J = np.asarray(inertia, float)
     gyroscopic = np.cross(rate_b, np.matvec(J, rate_b))
@@ -324,13 +271,6 @@ def free_mass_angular_acceleration(inertia, gradient_b, rate_b):
 def gradient_angular_acceleration(test_mass_inertia, inertia, gradient_b):
     """Relative angular acceleration (..., 3) rad s-2 of test mass and satellite from the gravity gradient alone.
 
-    Parameters
-    ----------
-    test_mass_inertia, inertia : (3, 3) kg m2
-    gradient_b : (..., 3, 3) s-2
-
-    Notes
-    -----
     I_TM^-1 vex(I_TM G - G I_TM) - I_B^-1 vex(I_B G - G I_B); S-GRS paper, eqs. 7-9.
     """
     at_rest = np.zeros(3)
@@ -341,10 +281,7 @@ def gradient_angular_acceleration(test_mass_inertia, inertia, gradient_b):
 def box_inertia(satellite, elongation):
     """Inertia (3, 3) kg m2 of a homogeneous box with the mass and volume of a catalogued cube, longer along x.
 
-    Parameters
-    ----------
-    satellite : test_mass kg, test_mass_inertia (3, 3) kg m2
-    elongation : 1, length along x over the other two; 1 is the cube
+    The elongation is the length along x over the other two; 1 is the cube.
     """
     mass = satellite["test_mass"]
     side = np.sqrt(6 * np.trace(np.array(satellite["test_mass_inertia"])) / 3 / mass)
@@ -354,18 +291,7 @@ def box_inertia(satellite, elongation):
 
 
 def offset_tensor_error(rate_b, gradient_b, offset_b):
-    """Derivative of the product T p by attitude, rate and angular acceleration.
-
-    Parameters
-    ----------
-    rate_b : (..., 3) rad s-1
-    gradient_b : (..., 3, 3) s-2
-    offset_b : (3,) m
-
-    Returns
-    -------
-    by_angle, by_rate, by_rate_dot : (..., 3, 3), small rotation in b, rad s-1, rad s-2
-    """
+    """Derivative (..., 3, 3) of the product T p by attitude (small rotation in b), rate and angular acceleration."""
     w, p = np.asarray(rate_b, float), np.asarray(offset_b, float)
     by_rate = -cross_matrix(np.cross(w, p)) - cross_matrix(w) @ cross_matrix(p)
     by_angle = -(cross_matrix(np.matvec(gradient_b, p)) - gradient_b @ cross_matrix(p))
@@ -373,21 +299,8 @@ def offset_tensor_error(rate_b, gradient_b, offset_b):
 
 
 def printed_vectors(inertia, test_mass_inertia, mass, com_to_pressure_b, separation_b):
-    """Vector parts of the printed quaternions q_H and q_drag.
+    """Vector parts h, q_d (3,) m-1 of the printed quaternions q_H and q_drag; no component of the separation is zero.
 
-    Parameters
-    ----------
-    inertia, test_mass_inertia : (3, 3) kg m2
-    mass : kg
-    com_to_pressure_b : (3,) m
-    separation_b : (3,) m, Dx, no component zero
-
-    Returns
-    -------
-    h, q_d : (3,) m-1
-
-    Notes
-    -----
     H = -I_B (1/Dx, 1/Dy, 1/Dz), h = (I_TM^-1 - I_B^-1) H, q_d = m_B I_B^-1 x_cp; printed eqs. 3, 13, 15.
     """
     H = -np.asarray(inertia) @ (1 / np.asarray(separation_b, float))
@@ -396,22 +309,10 @@ def printed_vectors(inertia, test_mass_inertia, mass, com_to_pressure_b, separat
 
 
 def printed_drag(linear_b, angular_b, h, q_d):
-    """Drag by the printed one-sensor algorithm, through quaternion products.
+    """Drag by the printed one-sensor algorithm, through quaternion products: vector part (n, 3) and scalar part (n,).
 
-    Parameters
-    ----------
-    linear_b, angular_b : (n, 3) m s-2, rad s-2
-    h, q_d : (3,) m-1, printed_vectors
-
-    Returns
-    -------
-    drag_b : (n, 3) m s-2, vector part
-    scalar : (n,) m s-2, scalar part; zero, so it gives no warning
-
-    Notes
-    -----
     a = (q_H^-1 q_drag - 1)^-1 [a_TM/B - q_H^-1 al_TM/B]; S-GRS paper, eq. 16 with the other terms zero. A quaternion
-    product is not a cross product (erratum S-6).
+    product is not a cross product (erratum S-6); the scalar part is zero, so it gives no warning.
     """
     h, q_d, linear, angular = (np.insert(np.asarray(v, float), 0, 0.0, axis=-1) for v in (h, q_d, linear_b, angular_b))
     inverse = _inverse(h)
@@ -453,19 +354,9 @@ class Motion:
 
 
 def single_epoch(sensor):
-    """Rank and null space of six readings for five elements of the tensor and three of the drag.
+    """Rank and null space of six readings of a Sensor for five elements of the tensor and three of the drag.
 
-    Parameters
-    ----------
-    sensor : Sensor
-
-    Returns
-    -------
-    rank : int
-    null_space : (k, 8) combinations of UNKNOWNS in units of 1e-6 s-2 and 1e-7 m s-2 that change no reading
-
-    Notes
-    -----
+    The null space (k, 8) holds combinations of UNKNOWNS in units of 1e-6 s-2 and 1e-7 m s-2 that change no reading:
     equations.md, erratum S-8: eight unknowns, rank six; the diagonal of the tensor enters no torque.
     """
     by_drag = sensor.mass * (np.linalg.inv(sensor.inertia) @ cross_matrix(sensor.pressure)).T
@@ -479,14 +370,7 @@ def single_epoch(sensor):
 def printed_pair(h, q_d):
     """Rank and null vector of the printed pair a = Dg - a_drag, al = h x Dg - q_d x a_drag.
 
-    Parameters
-    ----------
-    h, q_d : (3,) m-1, printed_vectors
-
-    Returns
-    -------
-    rank : int
-    null : (6,) unit vector of (Dg, drag); along q_d - h in both halves (erratum S-6)
+    The unit vector (6,) of (Dg, drag) is along q_d - h in both halves (erratum S-6).
     """
     top = np.concatenate([np.eye(3), -np.eye(3)], axis=1)
     below = np.concatenate([cross_matrix(h), -cross_matrix(q_d)], axis=1) / np.linalg.norm(h)
@@ -497,19 +381,9 @@ def printed_pair(h, q_d):
 def joint(sensor, motion):
     """Rank and errors of several epochs together, with one piece of knowledge after the other.
 
-    Parameters
-    ----------
-    sensor : Sensor
-    motion : Motion
-
-    Returns
-    -------
-    steps : list of (what is known, rank, unknowns, sigma of the drag in the middle (3,), NaN if not determined)
-
-    Notes
-    -----
-    Unknowns of each epoch: drag, five elements of G, angular acceleration, torque beside gradient and drag; of all
-    epochs: centre of pressure and place of the test mass. Equations: reading, angular reading, torque balance.
+    Each step is (what is known, rank, unknowns, sigma of the drag in the middle (3,), NaN if not determined). Unknowns
+    of each epoch: drag, five elements of G, angular acceleration, torque beside gradient and drag; of all epochs:
+    centre of pressure and place of the test mass. Equations: reading, angular reading, torque balance.
     """
     count, sigma = len(motion.drag_b), motion.sigma
     size = 14 * count + 6

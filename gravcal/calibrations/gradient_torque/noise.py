@@ -161,12 +161,7 @@ def _white_noise(series, width):
 
 
 def integrated(time: np.ndarray, R_bi: np.ndarray, rate_dot_b: np.ndarray) -> np.ndarray:
-    """Rotation (k, 3, q) rad that grows from additional angular accelerations (k, 3, q) rad s-2, at rest at the start.
-
-    Parameters
-    ----------
-    time : (k,) s; R_bi : (k, 3, 3); rate_dot_b : (k, 3, q)
-    """
+    """Rotation (k, 3, q) rad that grows from added angular accelerations (k, 3, q) rad s-2, at rest at the start."""
     return kinematics.angle_from_rate_change(time, R_bi, kinematics.running_integral(time, rate_dot_b))
 
 

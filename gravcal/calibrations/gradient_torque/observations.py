@@ -36,13 +36,10 @@ OUTSIDE = ("latitude", "time")
 
 
 def observe(products: Mapping[str, xr.Dataset], **settings) -> GradientTorque:
-    """Observations of the products of a day.
+    """Observations of the products "ingest", "gradient", and "drag" by one sensor of a day.
 
-    Parameters
-    ----------
-    products : "ingest", "gradient", and "drag" by one sensor
-    settings : satellite, igrf_generation, elongation, gap_limit_s, torque_step_s, torque_noise_order, control_hz,
-        control_damping, bin_s, stretch_s, noise_order
+    Settings are satellite, igrf_generation, elongation, gap_limit_s, torque_step_s, torque_noise_order, control_hz,
+    control_damping, bin_s, stretch_s, noise_order.
     """
     observed, modelled, found = (products[name] for name in ("ingest", "gradient", "drag"))
     position, velocity = orbit(observed, settings["gap_limit_s"])
@@ -101,13 +98,7 @@ def _of_degree(about, degree, order):
 
 
 def effects_of(about: Context, channels: Sequence[str]) -> Iterator[tuple[Effect, int, dict[str, np.ndarray]]]:
-    """Effect, number of the sensor that has it (0: all have), and what it adds by each parameter {channel: (n, 3, q)}.
-
-    Parameters
-    ----------
-    about : Context of the epochs
-    channels : those that the record has
-    """
+    """Effect, number of the sensor that has it (0: all), and what it adds by each parameter {channel: (n, 3, q)}."""
     yield from ((entry, 0, added_to_channels(about, entry)) for entry in EFFECTS)
     for entry in map(effect, LINEAR if "linear" in channels else ()):
         for sensor, sign in enumerate((-1.0, 1.0)):
