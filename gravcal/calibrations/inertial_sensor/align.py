@@ -48,18 +48,9 @@ def lines_between(at: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.nd
 
 
 def bin_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means over bins, NaN samples left out.
+    """Means (b, ...) over bins of values (n, ...), NaN where a bin is empty, and samples in each (b,).
 
-    Parameters
-    ----------
-    time : (n,) s, increasing
-    values : (n, ...) any unit
-    edges : (b + 1,) s
-
-    Returns
-    -------
-    mean : (b, ...) unit, NaN where a bin is empty
-    count : (b,) samples in each bin
+    Samples that are NaN are left out; times (n,) s increase, edges are (b + 1,) s.
     """
     inside = (time >= edges[0]) & (time < edges[-1])
     flat = np.asarray(values, dtype=float).reshape(time.size, math.prod(np.shape(values)[1:]))
@@ -186,16 +177,7 @@ def rates(quaternion: np.ndarray, step_s: float) -> np.ndarray:
 def detect(
     *attitudes: Callable, swing_rate_dot_rad_s2: float, swing_minimum_s: float, roll_rate_rad_s: float, segment_s: float
 ) -> xr.Dataset:
-    """Times of swings and rolls about y.
-
-    Parameters
-    ----------
-    attitudes : functions that read {"time", "quaternion"} of one day each
-    swing_rate_dot_rad_s2 : rms angular acceleration over half a minute above which the satellite swings
-    swing_minimum_s : s, shortest swing
-    roll_rate_rad_s : mean rate about y above which the satellite rolls
-    segment_s : s, shortest roll
-    """
+    """Times of swings and rolls about y, from functions that read {"time", "quaternion"} of one day each."""
     parts = [_motion(read()) for read in attitudes]
     time, rate_dot_rms, rate = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(time)
@@ -251,9 +233,7 @@ def align(
     ----------
     detected : Dataset, "inertial_sensor.detect"
     sensor, tracker, orbit : functions (start, stop) -> records between two epochs
-    margin_s : s kept on either side, quiet data for the noise
-    spike_sigma : standard deviations of a sample about the running median
-    gap_limit_s : s, longest gap in the swing that is bridged
+    margin_s, spike_sigma, gap_limit_s : settings of the stage
 
     Raises
     ------
@@ -313,12 +293,7 @@ def segment(
 ) -> xr.Dataset:
     """Bins of all rolls, day by day, never all of the record in memory.
 
-    Parameters
-    ----------
-    detected : Dataset, "inertial_sensor.detect"
-    days : functions that read sensor, tracker and orbit of each day
-    step_s : s, of the bins
-    workers : days held in memory at a time
+    The days are functions that read sensor, tracker and orbit of each, of which so many `workers` are held at a time.
     """
     from concurrent.futures import ThreadPoolExecutor
 

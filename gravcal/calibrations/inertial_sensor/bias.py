@@ -120,8 +120,7 @@ def bias(
     segmented : Dataset, "inertial_sensor.segment"
     swing : Dataset, "inertial_sensor.scale" and "inertial_sensor.offset", or none
     method : "gravcal" or "published" (no offset term, amplitudes straight lines)
-    segment_s : s; uniformity_limit, share_limit : 1; trend_degree, amplitude_degree : of polynomials
-    amplitude_harmonics : of the revolution, by which non-gravitational accelerations change
+    segment_s .. amplitude_harmonics : settings of the stage
     k_z_before : m s-2 V-1, factor with which the noise of z was stated before
     assumed : scale factors and offset where there is no swing
 
@@ -215,17 +214,10 @@ def _changes(count, model, phase):
 
 
 def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, phase: np.ndarray | None = None):
-    """Constants of readouts of one axis over a segment.
+    """Constants of readouts (b, m) of one axis over a segment and their sigma (m,), residual (b, m), mean amplitudes.
 
-    Parameters
-    ----------
-    axis : 0 x, 1 y, 2 z; readings : (b, m) any units
-    R_bo : (b, 3, 3); model : Model; phase : (b,) rad along the orbit, for harmonics
-
-    Returns
-    -------
-    constant, sigma : (m,) units of the readings; residual : (b, m)
-    amplitude : (t, m) units, mean of a_J over the segment of each direction that turns; none about y
+    The amplitudes (t, m) are those of each direction that turns; none about y. Phase (b,) rad along the orbit is for
+    harmonics.
 
     Notes
     -----
@@ -294,21 +286,8 @@ def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = 
     Its error comes from the error of every value; what the values scatter beyond it is a slow wander, which a mean over
     the time covered rightly contains. So a value is judged by its neighbours: judged by the mean of all, wander would
     count as outlying, and the result be no mean of it. Where values are missing the wander is not seen, and its error
-    is added.
-
-    Parameters
-    ----------
-    values : (n,) any unit, in order of time
-    sigma : (n,) standard deviation of each, same unit
-    missing : lengths of the runs of values left out between them
-
-    Returns
-    -------
-    mean : RobustMean; sigma is NaN for fewer than three values
-
-    Notes
-    -----
-    Runs of r values left out of N add wander^2 sum r^2 / N^2, neighbours being alike.
+    is added: runs of r values left out of N add wander^2 sum r^2 / N^2, neighbours being alike. Sigma is NaN for fewer
+    than three values; missing are the lengths of the runs left out between them.
     """
     from scipy.ndimage import median_filter
 

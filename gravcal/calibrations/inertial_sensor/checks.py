@@ -47,9 +47,7 @@ def inputs(
     ----------
     detected : Dataset, "inertial_sensor.detect"
     days : functions that read sensor, tracker and orbit of each day
-    margin_s : s on either side of a swing that are looked at
-    constant_limit_s .. pointing_limit_rad, quiet_step_limit, factor_limit : limits
-    expected_beta : (2,) rad s-2 V-1, about x and about y and z
+    margin_s .. factor_limit : settings of the stage; expected_beta (2,) rad s-2 V-1, about x and about y and z
     orbit_height : m, catalogued; inertia : (3,) kg m2, of the test mass
     """
     limits = {

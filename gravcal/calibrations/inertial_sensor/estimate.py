@@ -97,10 +97,8 @@ def scale(
     ----------
     aligned : Dataset, "inertial_sensor.align"
     method : "gravcal" or "published"
-    bin_s : s, of the means that are fitted
-    quiet_margin_s : s kept clear of the swing where the noise is measured
+    bin_s, quiet_margin_s, arm_x_mm : settings of the stage
     first_beta : (2,) rad s-2 V-1, to start from, about x and about y and z
-    arm_x_mm : mm, 8.0 or 10.45
     k_y, k_y_sigma : m s-2 V-1, taken as they are
     geometry : {"mass" kg, "inertia" kg m2, "arm" m, and each with "_sigma"}
     """
@@ -133,12 +131,7 @@ def scale(
 
 
 def swing_of(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: np.ndarray) -> model.Swing:
-    """Swing with its noise measured in the quiet data either side; settings as of `scale`.
-
-    Raises
-    ------
-    EstimationError : no quiet data
-    """
+    """Swing with its noise measured in quiet data either side, an EstimationError without; settings as of `scale`."""
     start, stop = float(aligned.start), float(aligned.stop)
     time, time_att, quaternion = aligned.time.values, aligned.time_att.values, aligned.quaternion.values
     readout = electrodes.readouts(aligned.volts.values)[:, 3:]
@@ -211,17 +204,8 @@ def _motion(prepared, fitted):
 def linear_factors(beta, beta_sigma, geometry: Mapping, k_y: tuple[float, float], printed: bool) -> dict:
     """Linear factors and their errors for both arms about x.
 
-    Parameters
-    ----------
-    beta, beta_sigma : (3,) rad s-2 V-1
-    geometry : {"mass", "inertia" (3,), "arm" (3,), and each with "_sigma"}; the arm about x is replaced by both
-    k_y : value and sigma, m s-2 V-1, not tied to any angular factor
-    printed : use eqs. 8-10 as printed
-
-    Returns
-    -------
-    factors : {"k", "k_sigma", "k_sigma_total" (2, 3) m s-2 V-1; "ratio_relative_sigma" (3,) of J/(M l);
-        "k_budget" (4, 3) 1, relative errors of k by CAUSES, NaN for y}
+    Beta (3,) is rad s-2 V-1, k_y value and sigma in m s-2 V-1, not tied to any angular factor; printed: eqs. 8-10 as
+    printed. k, k_sigma, k_sigma_total are (2, 3) m s-2 V-1, k_budget (4, 3) relative errors of k by CAUSES, NaN for y.
 
     Notes
     -----
@@ -246,11 +230,8 @@ def linear_factors(beta, beta_sigma, geometry: Mapping, k_y: tuple[float, float]
 def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
     """Beta as the paper finds it: angular acceleration of the star tracker against noisy voltages, Kalman filter.
 
-    Its sigma is the scatter of the estimate after convergence.
-
-    Notes
-    -----
-    y = (wd_x, wd_y), H = (V_z1 - V_z2, V_x2 - V_x3), one filter each; Remote Sens. 2023, 15, 3817, eqs. 18-23.
+    Its sigma is the scatter of the estimate after convergence. y = (wd_x, wd_y), H = (V_z1 - V_z2, V_x2 - V_x3), one
+    filter each; Remote Sens. 2023, 15, 3817, eqs. 18-23.
     """
     first, last = float(aligned.start) - 5.0, float(aligned.stop) + 5.0
     reach = FILTER.window_s / 2 + 3 * bin_s
@@ -330,16 +311,7 @@ class Offset:
 
 
 def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, drift_degree, noise_order) -> xr.Dataset:
-    """Offset of one swing.
-
-    Parameters
-    ----------
-    aligned : Dataset, "inertial_sensor.align"; scaled : Dataset, "inertial_sensor.scale"
-    method : "gravcal" or "published"
-    quiet_margin_s : s kept clear of the swing where the noise is measured
-    drift_degree : of the polynomial that stands for bias, drag and radiation
-    noise_order : of the autoregressive noise, at most
-    """
+    """Offset of one swing from "inertial_sensor.align" and "inertial_sensor.scale"; method "gravcal" or "published"."""
     record = record_of(aligned, scaled, quiet_margin_s, drift_degree, noise_order)
     k = scaled.k.values[int(scaled.chosen_arm)]
     tensor = published_offset_matrix if method == "published" else sensing.offset_tensor
@@ -409,8 +381,6 @@ def fit_offset(
 ) -> Offset:
     """Least squares for the offset, with k (3,) m s-2 V-1 held, by the readings of some axes.
 
-    Notes
-    -----
     k V = -b + a_ng + (M - G) p; Remote Sens. 2023, 15, 3817, eq. 12 with the gravity gradient it drops.
     """
     columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b)

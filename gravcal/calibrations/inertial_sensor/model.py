@@ -113,8 +113,6 @@ class Fit:
 def predict(swing: Swing, unknowns: Unknowns, before: Motion) -> Motion:
     """Motion that the voltages imply; gyroscopic and gravity torques on the test mass are those of the motion before.
 
-    Notes
-    -----
     w' = beta V + c - J^-1 (w x J w - vex(J G - G J)); Remote Sens. 2023, 15, 3817, eq. 11, completed.
     """
     J, w = np.diag(swing.inertia), before.rate_b
@@ -128,13 +126,10 @@ def predict(swing: Swing, unknowns: Unknowns, before: Motion) -> Motion:
 
 
 def residual_and_columns(swing: Swing, unknowns: Unknowns, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Measured minus predicted attitude and its model columns, averaged over the bins.
+    """Measured minus predicted attitude (b, 3) rad, its columns (b, 3, 15), means over the bins, and samples in each.
 
-    Returns
-    -------
-    residual_b : (b, 3) rad, rotation from the predicted to the measured attitude
-    columns : (b, 3, 15) rad per unit: factors, delay, then angle, rate, constant, slope of x, y, z
-    count : (b,) tracker samples in each bin
+    The residual is the rotation from the predicted to the measured attitude; columns are rad per unit of factors,
+    delay, then angle, rate, constant, slope of x, y, z.
     """
     epoch = swing.time_att - unknowns.delay
     inside = (epoch >= swing.time[0]) & (epoch <= swing.time[-1])
@@ -207,12 +202,7 @@ def linear_system(
 
 
 def fit(swing: Swing, first: np.ndarray) -> Fit:
-    """Maximum-likelihood factors, delay and start values, from first factors (2,) rad s-2 V-1.
-
-    Raises
-    ------
-    EstimationError : no convergence
-    """
+    """Maximum-likelihood factors, delay and start values, from first factors (2,) rad s-2 V-1."""
     unknowns, motion = _begin(swing, np.asarray(first, dtype=float))
     maps = None
     for number in range(STEPS):

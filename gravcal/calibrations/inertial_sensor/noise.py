@@ -18,14 +18,8 @@ def power_laws(values: np.ndarray, clean: Callable, count: np.ndarray, step_s: f
     """Noise model of a series from what a fit leaves of it: the sum of power laws that its periodogram shows.
 
     Power laws are drawn and go through the same fit. Sharp lines are no noise, and the power at a frequency counts up
-    to a few times that of the model.
-
-    Parameters
-    ----------
-    values : (s, b, 1) any unit, segments
-    clean : values (s, b, d) -> what the fit leaves, runs of segments that touch (n, d)
-    count : (s, b) steps since the first sample
-    step_s : s
+    to a few times that of the model. Values (s, b, 1) are segments, clean takes (s, b, d) to what the fit leaves, runs
+    of segments that touch (n, d), count (s, b) are steps since the first sample.
     """
     lowest, rng = 1 / (step_s * count.max()), np.random.default_rng(0)
     draws = max(8, DRAWS // len(count))

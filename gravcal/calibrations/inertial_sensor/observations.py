@@ -33,10 +33,8 @@ NEAR = np.linspace(-1.0, 1.0, 21)
 def observe(products: Mapping[str, xr.Dataset], *, scene: Mapping, rolling: Mapping) -> InertialSensor | None:
     """Observations of an event, None without swing and roll.
 
-    Parameters
-    ----------
-    products : "align", "scale" and "offset" of a swing, "segment" and "bias" of a roll, as far as they are there
-    scene : settings of `observed_swing.view_of`; rolling : of `observed_roll.view_of`
+    Products are "align", "scale" and "offset" of a swing, "segment" and "bias" of a roll, as far as they are there;
+    scene holds the settings of `observed_swing.view_of`, rolling those of `observed_roll.view_of`.
     """
     swing = observed_swing.view_of(products, scene) if "align" in products else None
     roll = observed_roll.view_of(products, rolling) if "bias" in products else None

@@ -23,8 +23,7 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
     ----------
     observed : Dataset, "ingest" of KBR1B or LRI1B, then the orbits of both satellites, then their SCA1B; then the same
         of the next day
-    gap_limit_s : s, gaps of orbit or attitude up to this are interpolated
-    break_limit_m : m, a step of the range against its own rate beyond this is a phase break
+    gap_limit_s, break_limit_m : settings of the stage
     """
     observed = _joined(observed)
     kbr, orbits, cameras = observed[0], observed[1:3], observed[3:5]

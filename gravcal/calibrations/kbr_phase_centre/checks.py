@@ -31,8 +31,7 @@ def of_inputs(
     aligned, pointed : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.pointing"
     ranges, rates : Dataset, "kbr_phase_centre.observable" of range and range rate
     orbits : Dataset, "ingest" of all orbit products of both satellites, those not used included
-    nominal_m : (2, 3) m, phase centres of the catalogue
-    limits : settings of the stage "checks"
+    nominal_m, limits : (2, 3) m, phase centres of the catalogue; settings of the stage
     """
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
     radius = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS
@@ -138,12 +137,7 @@ def of_result(
 ) -> list[Check]:
     """Checks of the phase centres: fit, wiggles, observables, robust weights, size; none where nothing was found.
 
-    Parameters
-    ----------
-    combined : Dataset, "kbr_phase_centre.combine"
-    probabilities : that the wiggles agree, by observable, None with too few of them
-    nominal_m : (2, 3) m, phase centres of the catalogue
-    limits : all settings
+    The probabilities are that the wiggles agree, by observable, None with too few of them; nominal_m (2, 3) m.
     """
     row = OBSERVABLES.index(combined.attrs["adopted_observable"])
     column = ESTIMATORS.index(combined.attrs["adopted_estimator"])

@@ -101,15 +101,11 @@ def solve(
 
     Parameters
     ----------
-    equations : Dataset, "kbr_phase_centre.observable"
-    measured : Dataset, "kbr_phase_centre.noise"
+    equations, measured : Dataset, "kbr_phase_centre.observable" and "kbr_phase_centre.noise"
     variant : "range", "range_rate" or "range_acceleration"
     method : "gravcal", or "published" for the choices of the source paper
-    orbit_degree : of the polynomial per manoeuvre that takes up slow orbit errors of the range
-    band_hz : Hz and Hz, where the noise in the manoeuvres is compared with quiet noise
-    robust_k0, robust_k1 : constants of IGG-III
+    orbit_degree, band_hz, robust_k0, robust_k1, published_trim_s : settings of the stage
     nominal_m : (2, 3) m, at which x is held in the sub-sets that fix it
-    published_trim_s : s, left out at both ends by the source paper
     """
     derivative = OBSERVABLES.index(variant)
     nominal = np.asarray(nominal_m, dtype=float).reshape(6)
@@ -138,19 +134,10 @@ def solve(
 
 
 def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: int, highest_hz: float) -> list[Arc]:
-    """All manoeuvres whose epochs outnumber the unknowns.
+    """All manoeuvres whose epochs outnumber the unknowns; an EstimationError for a stretch of more than `LONGEST`.
 
-    Parameters
-    ----------
-    equations : Dataset, "kbr_phase_centre.observable"
-    measured : Dataset, "kbr_phase_centre.noise"
-    derivative : 0, 1 or 2
-    degree : of the polynomial that takes up slow orbit errors of the range; lower by one for each derivative
-    highest_hz : Hz, up to which the satellites move
-
-    Raises
-    ------
-    EstimationError : a stretch of more than `LONGEST` observations
+    The polynomial that takes up slow orbit errors of the range has a degree lower by one for each derivative;
+    satellites move up to `highest_hz`.
     """
     indices = of_manoeuvres(equations)
     largest = max((index.size for index in indices), default=0)
@@ -190,12 +177,6 @@ def published_arcs(equations: xr.Dataset, derivative: int, trim_s: float) -> lis
 
     The polynomial takes the level of the range with it; the columns keep theirs, so that the mean levels of positive
     and mirror arcs act as observations of zero (erratum K-3). The bias of the range is a seventh column.
-
-    Parameters
-    ----------
-    equations : Dataset, "kbr_phase_centre.observable"
-    derivative : 0, 1 or 2
-    trim_s : s, left out at both ends
     """
     time, column, degree = equations["time_kbr"].values, equations["published_column"].values, PUBLISHED_DEGREE
     result = []
@@ -330,8 +311,7 @@ def combine(
     ----------
     solved : Dataset, "kbr_phase_centre.solve", one per observable
     adopted_observable, adopted_estimator : the result that goes into the vector files
-    determined_limit_mm : mm, a component with a larger sigma is not determined
-    offset_deg : deg, offset angle of the design, for the predicted shifts of one-sided sets
+    determined_limit_mm, offset_deg : settings of the stage
     """
     values = {name: np.stack([one[name].values for one in solved]) for name in STACKED}
     values["determined"] = _determined(values["covariance"], determined_limit_mm)
@@ -354,11 +334,7 @@ def with_model_error(
 ) -> xr.Dataset:
     """Result with covariances that hold the errors of the effects that were taken out of the records before.
 
-    Parameters
-    ----------
-    combined, moved : Dataset, "kbr_phase_centre.combine", one of the moved for each direction of the model's errors
-    determined_limit_mm : mm, a component with a larger sigma is not determined
-    added : text, as of `schemas.widened`
+    One moved "kbr_phase_centre.combine" for each direction of the model's errors; added as of `schemas.widened`.
     """
     new = widened(combined, moved, {"centre": ("covariance",)}, added)
     known = _determined(new["covariance"], determined_limit_mm).astype("u1")
@@ -372,18 +348,11 @@ def _determined(covariance, limit_mm):
 
 
 def predicted_shift(shift: np.ndarray, offset: float) -> np.ndarray:
-    """Shift of y and z of a one-sided set that follows from the shift of its x.
+    """Shift of y and z of a one-sided set that follows from the shift of its x, (..., subset, 6) m, sub-set minus all.
 
-    Parameters
-    ----------
-    shift : (..., subset, 6) m, sub-set minus all
-    offset : rad, offset angle of the positive set
-
-    Notes
-    -----
-    dY = +tan(theta0) dX and dZ = -tan(theta0) dX for the positive set, the other way for the mirror set: at first
-    order in the amplitude x and the transverse component have proportional columns; Remote Sens. 2022, 14, 3395,
-    Table 5 (erratum K-2).
+    dY = +tan(theta0) dX and dZ = -tan(theta0) dX for the positive set, of offset angle theta0, the other way for the
+    mirror set: at first order in the amplitude x and the transverse component have proportional columns; Remote Sens.
+    2022, 14, 3395, Table 5 (erratum K-2).
     """
     result = np.full_like(shift, np.nan)
     for name, sign in (("positive", 1.0), ("mirror", -1.0)):

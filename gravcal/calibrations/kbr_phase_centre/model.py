@@ -56,9 +56,7 @@ def pointing(
     aligned : Dataset, "kbr_phase_centre.align"
     nominal_m : (2, 3) m, phase centres of the catalogue, for the part square in them
     given : (k, 5) satellite, axis, sign, start and stop of the catalogue's manoeuvres; empty: look for them
-    period_s : s, of the wiggle
-    offset_limit_deg : deg, smallest mean angle that has a sign
-    amplitude_limit_deg : deg, smallest amplitude of a wiggle
+    period_s, offset_limit_deg, amplitude_limit_deg : settings of the stage
     """
     time, position, quaternion = (aligned[n].values for n in ("time", "position_i", "quaternion"))
     line = lines_of_sight(position, quaternion)
@@ -90,24 +88,11 @@ def pointing(
 
 
 def lines_of_sight(position_i: np.ndarray, quaternion: np.ndarray) -> np.ndarray:
-    """Unit vector from each satellite to the other in its own body frame.
+    """Unit vector (2, n, 3) from each satellite to the other in its own body frame.
 
     The range of the phase centres is |u| - l_A . c_A - l_B . c_B to first order, so the observation columns are minus
-    these vectors for both satellites.
-
-    Parameters
-    ----------
-    position_i : (2, n, 3) m
-    quaternion : (2, n, 4) scalar first
-
-    Returns
-    -------
-    line_of_sight_b : (2, n, 3)
-
-    Notes
-    -----
-    rho_KBR - rho_COM = [-e^T R_ib,A, +e^T R_ib,B] (c_A; c_B); Remote Sens. 2022, 14, 3395, eq. 13 (erratum K-1: printed
-    with the opposite sign). l_A = R_bi,A e, l_B = -R_bi,B e.
+    these vectors for both satellites: rho_KBR - rho_COM = [-e^T R_ib,A, +e^T R_ib,B] (c_A; c_B); Remote Sens. 2022, 14,
+    3395, eq. 13 (erratum K-1: printed with the opposite sign). l_A = R_bi,A e, l_B = -R_bi,B e.
     """
     u = position_i[1] - position_i[0]
     e = u / np.linalg.norm(u, axis=1, keepdims=True)
@@ -128,20 +113,8 @@ def angles(line_of_sight_b: np.ndarray) -> np.ndarray:
 
 
 def second_order(position_i: np.ndarray, quaternion: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-    """What the linear columns leave out of the range, for phase centres near their nominal place.
+    """What the linear columns leave out of the range (n,) m, for phase centres near their nominal place (2, 3) m.
 
-    Parameters
-    ----------
-    position_i : (2, n, 3) m
-    quaternion : (2, n, 4) scalar first
-    nominal : (2, 3) m, centre of mass to phase centre, b
-
-    Returns
-    -------
-    remainder : (n,) m
-
-    Notes
-    -----
     |u + v| - |u| - e.v = |v_perp|^2 / (2 |u|), 13 nm at 3 deg and 220 km; equations.md M3.
     """
     u = position_i[1] - position_i[0]
@@ -155,19 +128,8 @@ def second_order(position_i: np.ndarray, quaternion: np.ndarray, nominal: np.nda
 
 
 def antenna_correction(line_of_sight_b: np.ndarray, centre_b: np.ndarray) -> np.ndarray:
-    """Correction that turns the range of the phase centres into that of the centres of mass when added.
+    """Correction (n,) m that turns the range of the phase centres (2, 3) m into that of the centres of mass when added.
 
-    Parameters
-    ----------
-    line_of_sight_b : (2, n, 3), from each satellite to the other
-    centre_b : (2, 3) m, centre of mass to phase centre
-
-    Returns
-    -------
-    correction : (n,) m
-
-    Notes
-    -----
     rho_AOC = e^T R_ib,A c_A - e^T R_ib,B c_B; Remote Sens. 2022, 14, 3395, eq. 11 (erratum K-1).
     """
     return np.einsum("kni,ki->n", line_of_sight_b, centre_b)
@@ -186,17 +148,10 @@ def measured(time, angle, satellite, axis, sign, start, stop, period: float) -> 
 
 
 def wiggles(time, angle, satellite, axis, period, offset_limit, amplitude_limit) -> list[Wiggle]:
-    """Sub-manoeuvres about one axis of one satellite.
+    """Sub-manoeuvres about one axis of one satellite, in an angle (n,) rad every second, NaN where unknown.
 
     The angle is split over one period into its mean and its amplitude; where the amplitude stays above its limit there
     is a wiggle, and the slews are where the mean passes half its offset.
-
-    Parameters
-    ----------
-    time, angle : (n,) s, every second, and (n,) rad, NaN where unknown
-    satellite, axis : 0 or 1
-    period : s
-    offset_limit, amplitude_limit : rad, the smallest
     """
     known = np.isfinite(angle)
     if time.size < 3 * period or not known.any():
@@ -231,12 +186,7 @@ def wiggles(time, angle, satellite, axis, period, offset_limit, amplitude_limit)
 
 
 def middle(pointed: xr.Dataset) -> float:
-    """Mean of the middles of all wiggles, GPS s: the epoch of phase centres that move; noon of a record without one.
-
-    Parameters
-    ----------
-    pointed : Dataset, "kbr_phase_centre.pointing"
-    """
+    """Mean of the middles of all wiggles, GPS s: the epoch of phase centres that move; noon of a record without one."""
     if pointed.sizes["manoeuvre"]:
         return float((pointed["start"].values + pointed["stop"].values).mean() / 2)
     return float(DAY * np.round(pointed["time"].values.mean() / DAY))
@@ -269,14 +219,10 @@ def observable(
 
     Parameters
     ----------
-    aligned : Dataset, "kbr_phase_centre.align"
-    pointed : Dataset, "kbr_phase_centre.pointing"
+    aligned, pointed : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.pointing"
     variant : "range", "range_rate" or "range_acceleration"
-    trim_s : s, left out at both ends of a manoeuvre
-    quiet_margin_s : s, between a manoeuvre and quiet data
-    crn_window_s, crn_bandwidth_hz : s and Hz, of the filter
+    trim_s, quiet_margin_s, crn_window_s, crn_bandwidth_hz, published_half_width : settings of the stage
     nominal_m : (2, 3) m, phase centres of the catalogue, for the lever arm of pointing errors
-    published_half_width : epochs on either side in the derivative of the source paper
     """
     derivative = OBSERVABLES.index(variant)
     time, at = pointed["time"].values, aligned["time_kbr"].values

@@ -35,15 +35,7 @@ SMALL = 0.2  # levers below this share of the largest one add less than 4 % to t
 
 
 def noise(equations: xr.Dataset, *, noise_degree: int, quiet_length_s: float, quiet_minimum_s: float) -> xr.Dataset:
-    """Spectrum of the range residual in all quiet data; from the manoeuvres where there is too little of it.
-
-    Parameters
-    ----------
-    equations : Dataset, "kbr_phase_centre.observable" of the range
-    noise_degree : degree of the polynomial free in a stretch of `quiet_length_s`, less in shorter ones
-    quiet_length_s : s, longest stretch
-    quiet_minimum_s : s, of quiet data that suffice
-    """
+    """Spectrum of the range residual in all quiet data; from the manoeuvres where there is too little of it."""
     time = equations["time_kbr"].values
     step = float(np.median(np.diff(time))) if time.size > 1 else 5.0
     quiet, source = equations["arc"].values == -1, "quiet"
@@ -165,8 +157,6 @@ def smoothing_gain(frequency_hz: np.ndarray, smoothed_hz: float) -> np.ndarray:
 def smoothed(values: np.ndarray, smoothed_hz: float) -> np.ndarray:
     """Series (n, k) of whole seconds, NaN where missing, whose fourth differences are small; missing samples too.
 
-    Notes
-    -----
     Minimum of sum (y - z)^2 + w sum (D^4 z)^2; Whittaker, Proc. Edinburgh Math. Soc. 41 (1923); w by `smoothing_gain`.
     """
     from scipy.linalg import solveh_banded
@@ -185,11 +175,7 @@ def smoothed(values: np.ndarray, smoothed_hz: float) -> np.ndarray:
 def of_star_cameras(measured: xr.Dataset, lever: np.ndarray, highest_hz: float) -> bool:
     """Whether above the frequencies of the motion star cameras add more noise to the range than there is in it.
 
-    Parameters
-    ----------
-    measured : Dataset, "kbr_phase_centre.noise"
-    lever : (n, 4) m per rad, in the manoeuvres
-    highest_hz : Hz, up to which the satellites move
+    Levers (n, 4) are m per rad in the manoeuvres.
     """
     step = float(measured.attrs["step_s"])
     power = np.einsum("c,cm->m", measured["pointing_power"].values, shapes(step)[:, 0])
@@ -300,17 +286,8 @@ def lags(measured: xr.Dataset, derivative: int, count: int, highest_hz: float = 
 def lags_of_densities(ranging: np.ndarray, pointing: np.ndarray, step_s: float, derivative: int, count: int) -> Lags:
     """Covariances by lag from the densities of the range and of the pointing error.
 
-    Parameters
-    ----------
-    ranging : (m,) m2 Hz-1, one-sided, as sampled
-    pointing : (2, m) rad2 Hz-1, one-sided, not folded, at `images`
-    step_s : s
-    derivative : 0, 1 or 2
-    count : number of lags
-
-    Notes
-    -----
-    The power of a derivative over that of the range is that of the same white phase through the CRN filter, as sampled.
+    Ranging (m,) m2 Hz-1 is one-sided, as sampled, pointing (2, m) rad2 Hz-1 one-sided, not folded, at `images`. The
+    power of a derivative over that of the range is that of the same white phase through the CRN filter, as sampled.
     """
 
     def transformed(spectrum):  # negative lags at the end
@@ -330,22 +307,11 @@ def lags_of_densities(ranging: np.ndarray, pointing: np.ndarray, step_s: float, 
 
 
 def covariance_matrix(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """Covariance of the noise at some epochs of an even grid.
+    """Covariance of the noise at some epochs of an even grid, lower triangle (n, n).
 
-    Parameters
-    ----------
-    by_lag : Lags
-    place : (n,) int, numbers of the epochs
-    lever : (n, derivative + 1, 4) m s**-order, range per radian of pointing and its derivatives
-
-    Returns
-    -------
-    covariance : (n, n), lower triangle
-
-    Notes
-    -----
-    The pointing part of the range is sum_j g_j phi_j; by Leibniz its d-th derivative has the covariance
-    sum_ab (d a)(d b) sum_j g_j^(d-a)(t) g_j^(d-b)(t') K_ab(t - t').
+    Place (n,) holds the numbers of the epochs, lever (n, derivative + 1, 4) m s**-order the range per radian of
+    pointing and its derivatives. The pointing part of the range is sum_j g_j phi_j; by Leibniz its d-th derivative has
+    the covariance sum_ab (d a)(d b) sum_j g_j^(d-a)(t) g_j^(d-b)(t') K_ab(t - t').
     """
     d, n = by_lag.derivative, by_lag.ranging.size
     strength = np.sqrt(np.mean(lever[:, 0] ** 2, axis=0))
@@ -391,13 +357,8 @@ def with_restricted(
 
     Slow orbit error, phase centres and all candidates are free in every stretch, so that what any of them could name
     does not count as noise. Star camera noise is that of the manoeuvres; the spectrum of the range, of which quiet data
-    leave some ten percent open at the frequency of the wiggle, that of both.
-
-    Parameters
-    ----------
-    measured : Dataset, "kbr_phase_centre.noise"
-    stretches : of the manoeuvres
-    residuals : of each, (n,) m observed, (n, k) baseline and (n, q) candidates
+    leave some ten percent open at the frequency of the wiggle, that of both. Residuals of each stretch are (n,) m
+    observed, (n, k) baseline and (n, q) candidates.
 
     Notes
     -----

@@ -100,15 +100,9 @@ def observe(
 ) -> Ranging | None:
     """Observations of a campaign, None without a wiggle.
 
-    Parameters
-    ----------
-    products : "align", "pointing", "observable", "noise" and "solve" of kbr_phase_centre, of the range
-    nominal_m : (2, 3) m, phase centres of the catalogue
-    orbit_degree : of the polynomial per sub-manoeuvre that takes up slow orbit errors
-    crn_window_s, crn_bandwidth_hz : s and Hz, of the filter of the ranging
-    band_hz : Hz and Hz, up to the second one the satellites move
-    of_noise : settings of `noise.noise`
-    plausible_mm : (3,) mm, how far phase centres may be from those of the catalogue
+    Products are "align", "pointing", "observable", "noise" and "solve" of the range, the settings those of their
+    stages, of_noise those of `noise.noise`; phase centres may be plausible_mm (3,) from nominal_m (2, 3) of the
+    catalogue.
     """
     aligned, pointed, equations = (products[name] for name in ("align", "pointing", "observable"))
     if not pointed.sizes["manoeuvre"]:
@@ -155,11 +149,6 @@ def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> x
 
     Where star cameras are noisier than the range, their noise is in the rows and in every column that is made of the
     lines of sight, and the columns explain it (errors in variables).
-
-    Parameters
-    ----------
-    pointed, equations : Dataset, "kbr_phase_centre.pointing" and "kbr_phase_centre.observable"
-    highest_hz : Hz, up to which the satellites move
     """
     time, line = pointed["time"].values, pointed["line_of_sight_b"].values.copy()
     at, number = equations["time_kbr"].values, equations["arc"].values
@@ -410,13 +399,7 @@ class Ranging(Observations):
 
 
 def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Context:
-    """What the effects of the ranging look at, on whole seconds, as measured.
-
-    Parameters
-    ----------
-    aligned, pointed : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.pointing"
-    nominal : (2, 3) m, phase centres of the catalogue
-    """
+    """What the effects of the ranging look at, on whole seconds, as measured."""
     time, distance = pointed["time"].values, pointed["range_com"].values
     line, position = np.moveaxis(pointed["line_of_sight_b"].values, 0, 1), aligned["position_i"].values[0]
     known = np.isfinite(position).all(axis=1)
@@ -445,8 +428,6 @@ def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Co
 def turning(aligned: xr.Dataset, line_b: np.ndarray) -> np.ndarray:
     """Change (n, 2, 3) s-1 of the lines of sight (n, 2, 3) by the turning of the satellites, the line itself held.
 
-    Notes
-    -----
     l' - R_bi e', by differences over two seconds; error (2 pi / 250 s)^2 / 6, a ten thousandth. The noise of R_bi is
     that of the attitude times the orbital rate.
     """
@@ -465,11 +446,6 @@ def effects_of(context: Context, centre: np.ndarray) -> list[Candidate]:
     """Effects of the catalogue that a ranging calibration can show, with one column (n, q) m on whole seconds.
 
     A ripple with the angles has the columns of both satellites, and its period, rad, for a place.
-
-    Parameters
-    ----------
-    context : Context on whole seconds
-    centre : (2, 3) m, phase centres of the solution
     """
     signals = []
     for slug, entry in catalogue().items():
@@ -502,13 +478,7 @@ def _of_attitude(entry: Effect, context, centre, those):
 
 
 def drivers(context: Context, starts: Sequence[float]) -> list[Candidate]:
-    """Regressors for effects that are in no list; a rate times its angle is a late star camera.
-
-    Parameters
-    ----------
-    context : Context on whole seconds
-    starts : s, of the stretches of manoeuvres
-    """
+    """Regressors for effects that are in no list; a rate times its angle is a late star camera."""
     extra, time = context.extra, context.time
     angle = np.nan_to_num(extra["angle"].reshape(-1, 4)) / SIZE
     rate = np.gradient(angle, time, axis=0) * 40.0  # 250 s / 2 pi
