@@ -106,13 +106,9 @@ def _flexible(context: Context, values):
 
 @njit(cache=True)
 def ringing(time, drive, frequency, damping):
-    """Oscillator less its drive, (n,) unit of the drive; the drive is held from epoch to epoch, at rest at first.
+    """Oscillator less its drive, (n,) any unit; the drive is held from epoch to epoch, at rest at first.
 
-    Parameters
-    ----------
-    time : (n,) s
-    drive : (n,) any unit
-    frequency, damping : Hz, 1, less than critical
+    Frequency in Hz, damping less than critical.
     """
     out = np.zeros(time.size)
     own = 2 * np.pi * max(frequency, 1e-9)

@@ -99,14 +99,9 @@ class Law:
         return told == self.words or bool(self.names) and told.startswith(f"{self.words}, {self.names[0]} ")
 
     def values(self, time: np.ndarray, series: np.ndarray, constants, *, off: np.ndarray, rested: bool) -> np.ndarray:
-        """Values (n, w) of the law.
+        """Values (n, w) of the law of a series (n,) at times s, by its constants, where the torquers are `off` (n,).
 
-        Parameters
-        ----------
-        time, series : (n,) s, any unit
-        constants : of `names`
-        off : (n,) bool, the torquers are off
-        rested : the series was zero before the first epoch
+        `rested` says that the series was zero before the first epoch.
         """
         count, constants = len(NONLINEAR[self.nonlinear][0]), tuple(map(float, constants))
         x = NONLINEAR[self.nonlinear][1](series, *constants[:count])

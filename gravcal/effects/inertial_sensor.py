@@ -29,8 +29,6 @@ LOOP = 2 * np.pi * 1.0
 def linear_over_angular(mass: float, inertia, arm) -> np.ndarray:
     """Ratios J/(M l), (3,) m, that take beta_x to k_z, beta_y to k_x and beta_z to k_x; kg, kg m2, m.
 
-    Notes
-    -----
     k = J beta / (M l); Remote Sens. 2023, 15, 3817, eqs. 8-10 without their factor 1/2 (erratum T-4).
     """
     return np.asarray(inertia) / (mass * np.asarray(arm))

@@ -27,12 +27,9 @@ def weights(crn: Crn, step_s: float, derivative: int) -> np.ndarray:
     """Weights (2 K + 1,) s**-derivative for samples at the lags -K..K times the step in s, later samples last.
 
     The response is nil above 0.2 Hz, so that samples up to 1 s apart give the same filter as those of 0.1 s. What a
-    process keeps is summed without BLAS, whose sums depend on the number of its threads at the time.
-
-    Notes
-    -----
-    F_n = 1/F0 sum_k H_k cos(2 pi k n / N_f), H_k = sum_m [sin(pi (k-m)/N_c) / sin(pi (k-m)/N_f)]^N_c, m = -N_B..N_B;
-    derivatives by n, F0 such that the gain at `exact_hz` is one; J. B. Thomas, JPL Publ. 98-15 (1999), sec. 5.
+    process keeps is summed without BLAS, whose sums depend on the number of its threads at the time. F_n = 1/F0 sum_k
+    H_k cos(2 pi k n / N_f), H_k = sum_m [sin(pi (k-m)/N_c) / sin(pi (k-m)/N_f)]^N_c, m = -N_B..N_B; derivatives by n,
+    F0 such that the gain at `exact_hz` is one; J. B. Thomas, JPL Publ. 98-15 (1999), sec. 5.
     """
     index, height = _response(crn)
     half = int(np.floor(crn.window_s / 2 / step_s + 1e-9))

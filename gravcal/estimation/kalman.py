@@ -20,13 +20,10 @@ def filter_constants(
 ) -> Filtered:
     """Estimate constants from independent scalar observations y = H x + e (n,), H (n, p), in their order.
 
-    Value (p,) and covariance (p, p) hold before the first observation, large for a free start; e has variance (n,).
-
-    Notes
-    -----
-    K = P H' / (H P H' + R), x + K (y - H x), P (1 - K H)' from both sides plus K R K'; Remote Sens. 2023, 15, 3817,
-    eqs. 21 to 23 with transition 1 and no process noise. The end equals least squares with the start as an
-    observation (erratum T-7).
+    Value (p,) and covariance (p, p) hold before the first observation, large for a free start; e has variance (n,). K =
+    P H' / (H P H' + R), x + K (y - H x), P (1 - K H)' from both sides plus K R K'; Remote Sens. 2023, 15, 3817, eqs. 21
+    to 23 with transition 1 and no process noise. The end equals least squares with the start as an observation (erratum
+    T-7).
     """
     noise = np.broadcast_to(noise_variance, np.shape(observed))
     arrays = (np.array(one, dtype=float, order="C") for one in (observed, design, value, covariance, noise))

@@ -110,13 +110,10 @@ class Moving:
 
 
 def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: Sequence[float] = (), follows=None):
-    """How a parameter moves, with steps that are found between events beside those that are known.
+    """How a parameter (n,) with its covariance moves at increasing times (n,) s, with steps found between the events.
 
-    Parameters
-    ----------
-    time : (n,) s, increasing; value : (n,); covariance : (n, n)
-    steps : s, epochs at which it may have jumped, such as trims
-    follows : {name: (n,)} quantities of the events that it may follow, such as fuel: those that pay as a step has to
+    Steps s are epochs at which it may have jumped, such as trims; `follows` {name: (n,)} holds quantities of the events
+    that it may follow, such as fuel: those that pay as a step has to.
     """
     known = [s for s in steps if time[0] < s]  # one before all events is not told from the constant
     error = float(np.median(np.sqrt(np.diag(covariance))))

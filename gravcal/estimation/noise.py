@@ -51,16 +51,7 @@ class NoiseModel:
         return replace(self, variance=self.variance * level**2)
 
     def density(self, frequency_hz: np.ndarray) -> np.ndarray:
-        """One-sided power spectral density.
-
-        Parameters
-        ----------
-        frequency_hz : (m,) Hz
-
-        Returns
-        -------
-        density : (m,) squared unit per Hz
-        """
+        """One-sided power spectral density (m,), squared unit per Hz, at frequencies (m,) Hz."""
         last = self.coefficients[-1]
         lags = np.arange(1, last.size + 1)
         transfer = 1 - np.exp(-2j * np.pi * np.outer(frequency_hz, lags) * self.step_s) @ last
@@ -86,12 +77,7 @@ def _burg(values, begin, end, order):
 
 
 def runs(valid: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First index and one past the last index of every run of valid samples.
-
-    Parameters
-    ----------
-    valid : (n,) bool
-    """
+    """First index and one past the last index of every run of valid samples (n,) bool."""
     padded = np.concatenate([[False], np.asarray(valid, dtype=bool), [False]]).astype(np.int8)
     change = np.diff(padded)
     return np.flatnonzero(change == 1), np.flatnonzero(change == -1)
@@ -149,18 +135,7 @@ def _pieces(noise, valid):
 
 
 def unwhiten(noise: NoiseModel, rows: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Columns whose whitened rows are given: the inverse of `whiten`.
-
-    Parameters
-    ----------
-    noise : NoiseModel
-    rows : (n,) or (n, m) 1, of `whiten`
-    valid : (n,) bool, as given there
-
-    Returns
-    -------
-    columns : (n,) or (n, m) unit of the noise, NaN where not valid
-    """
+    """Columns (n,) or (n, m) whose whitened rows are given, NaN where not valid: the inverse of `whiten`."""
     rows = np.asarray(rows, dtype=float)
     flat = rows.reshape(rows.shape[0], -1)
     out = np.full(flat.shape, np.nan)
@@ -172,18 +147,9 @@ def unwhiten(noise: NoiseModel, rows: np.ndarray, valid: np.ndarray) -> np.ndarr
 
 
 def coloured(density, count: int, step_s: float, rng: np.random.Generator) -> np.ndarray:
-    """Gaussian noise of a given one-sided density, evenly spaced.
+    """Gaussian noise (count,) of a given one-sided density, evenly spaced.
 
-    Parameters
-    ----------
-    density : callable, (m,) Hz -> (m,) squared unit per Hz
-    count : number of samples
-    step_s : s
-    rng : source of randomness
-
-    Returns
-    -------
-    noise : (count,) unit
+    The density is a callable, (m,) Hz -> (m,) squared unit per Hz.
     """
     from scipy import fft
 
@@ -388,17 +354,9 @@ def changing_levels(white: np.ndarray, lost: float, degree: int = 2) -> Levels:
     """Levels of noise whose amplitude changes slowly along a record, from what a fit leaves of the record itself.
 
     One everywhere unless the powers of its stretches deny it, see `STATIONARY`. A level of each stretch by itself would
-    take a burst for noise; what is left of a polynomial says how far its errors are to be trusted.
-
-    Parameters
-    ----------
-    white : (n, a) 1, whitened by the models of the axes, evenly spaced, NaN where missing
-    lost : parameters that the fit took from each axis
-    degree : of the polynomial that the logarithm of the amplitude follows
-
-    Returns
-    -------
-    levels : of each sample as a part
+    take a burst for noise; what is left of a polynomial says how far its errors are to be trusted. White (n, a) is
+    whitened by the models of the axes, evenly spaced, NaN where missing; the fit took `lost` parameters from each axis;
+    the logarithm of the amplitude follows a polynomial of this degree. Each sample is a part of the levels.
     """
     parts = np.array_split(np.arange(len(white)), min(STRETCHES, len(white) // 16))
     count = np.array([np.isfinite(white[part]).all(axis=1).sum() for part in parts]) * (1 - lost / max(len(white), 1))
@@ -453,13 +411,7 @@ def fit_detrended(
     ----------
     segments : list of (n_i, 3) any unit, evenly spaced, NaN where missing
     clean : (segment, index of it) -> segment after the fit, (n_i, 3); linear in the segment
-    order : of the models
-    step_s : s
-    seed : of the simulated noise
-
-    Returns
-    -------
-    models : one an axis
+    order, step_s, seed : of the models; s; of the simulated noise
     """
     rng = np.random.default_rng(seed)
     axes = range(segments[0].shape[1])
@@ -478,10 +430,8 @@ def fit_detrended(
 def beside(segments: list[np.ndarray], columns: list[np.ndarray]) -> Callable:
     """What takes columns of any size out of segments: ``clean`` of `fit_detrended`.
 
-    Parameters
-    ----------
-    segments : list of (n_i, 3) any unit, evenly spaced, NaN where missing
-    columns : list of (n_i, 3, q_i), finite, fitted to all axes of a segment together
+    Segments (n_i, 3) are evenly spaced, NaN where missing; columns (n_i, 3, q_i), finite, are fitted to all axes
+    together.
     """
     good = [np.isfinite(one).all(axis=1) for one in segments]
     bases = [
@@ -519,14 +469,7 @@ def _noises(models, lengths, times, rng):
 
 
 def draw(model: NoiseModel, count: int, rng: np.random.Generator) -> np.ndarray:
-    """Stationary noise of a model, (count,) in its unit.
-
-    Parameters
-    ----------
-    model : NoiseModel
-    count : number of samples
-    rng : source of randomness
-    """
+    """Stationary noise of a model, (count,) in its unit."""
     return _filtered(model, rng.standard_normal(count + _led_in(model)), count)
 
 
@@ -546,11 +489,7 @@ def _filtered(model, white, count):
 def from_density(density: np.ndarray, order: int, step_s: float) -> NoiseModel:
     """Autoregressive model with the autocovariance of a spectrum up to its order (Levinson).
 
-    Parameters
-    ----------
-    density : (m,) one-sided, squared unit per Hz, at the middles of m equal parts of 0 to the Nyquist frequency
-    order : of the model
-    step_s : s
+    Density (m,) is one-sided, squared unit per Hz, at the middles of m equal parts of 0 to the Nyquist frequency.
     """
     phase = np.pi * (np.arange(density.size) + 0.5) / density.size
     covariance = np.cos(np.outer(np.arange(order + 1), phase)) @ density / (2 * step_s * density.size)
@@ -576,13 +515,11 @@ def without_lines(
     Parameters
     ----------
     segments : list of (n_i, axes) any unit, evenly spaced, NaN where missing
-    step_s : s
-    level : chance of taking a line out of noise without one, each axis
+    step_s, level : s; chance of taking a line out of noise without one, each axis
 
     Returns
     -------
-    cleaned : list of (n_i, axes)
-    found : (axis, frequency in Hz) of every line
+    cleaned, found : list of (n_i, axes); (axis, frequency in Hz) of every line
     """
     cleaned, found = [s.copy() for s in segments], []
     length = int(np.median([np.isfinite(s[:, 0]).sum() for s in segments]))
@@ -651,9 +588,7 @@ QUARTILE = 0.3186  # of the size of a normal deviate: a quarter of all differenc
 def jumps(left: Callable[[list[int]], np.ndarray]) -> list[int]:
     """Places of clear jumps in what a fit leaves of a series, one found beside the others.
 
-    Parameters
-    ----------
-    left : places -> (n,) what is left beside `jump_columns` of them
+    `left` takes places to (n,) what is left beside `jump_columns` of them.
     """
     places: list[int] = []
     while len(places) < JUMPS:

@@ -21,8 +21,6 @@ class RobustEstimate:
 def igg3_weights(normalised: np.ndarray, k0: float, k1: float) -> np.ndarray:
     """Weight factors (n,) of the IGG-III scheme for residuals (n,) over robust sigma: full up to k0, none beyond k1.
 
-    Notes
-    -----
     1 for |v| <= k0; (k0/|v|) ((k1 - |v|)/(k1 - k0))^2 up to k1; 0 above. Remote Sens. 2022, 14, 3395 names the scheme
     without its form and constants.
     """
@@ -40,16 +38,10 @@ def isolated(values: np.ndarray, reach: int, limit: float, weights=None, least: 
     """Samples (n,) bool that stand apart from their neighbours on both sides, in runs no longer than `reach`.
 
     The distance from the median of the neighbours, which follows steps and slow changes, is compared with what nine
-    tenths of such distances keep to, so that what happens all the time sets the scale and is none.
-
-    Parameters
-    ----------
-    values : (n, k) any units, evenly spaced
-    reach : samples on either side
-    limit : 1, robust standard deviations
-    weights : (2 reach + 1,) of a value predicted by the neighbours, for series that bend more than they scatter; the
-        largest distance within the reach is then the outlier
-    least : smallest standard deviation, in the units of the values
+    tenths of such distances keep to, so that what happens all the time sets the scale and is none. Even values (n, k)
+    of any units; the limit in robust standard deviations, which are at least so large. Weights (2 reach + 1,) predict a
+    value by its neighbours, for series that bend more than they scatter; the largest distance within the reach is then
+    the outlier.
     """
     from scipy.ndimage import correlate1d, maximum_filter1d, median_filter
 

@@ -71,10 +71,7 @@ def normalised(second, fraction) -> Tags:
 def tim1b_clock(obc_second, rcv_second, rcv_fraction, qualflg) -> Clock:
     """Receiver minus on-board time at the records (m,) of TIM1B, those without a mapping (bits 3, 6) left out.
 
-    Notes
-    -----
-    offset = (rcvtime_intg + rcvtime_frac) - obctime; GRACE-FO Level-1 Handbook (JPL D-56935), TIM1B; and
-    docs/real_data.md, Time.
+    offset = (rcvtime_intg + rcvtime_frac) - obctime; GRACE-FO Level-1 Handbook (JPL D-56935); docs/real_data.md, Time.
     """
     obc_second = np.asarray(obc_second, np.int64)
     offset = (np.asarray(rcv_second, np.int64) - obc_second) + np.asarray(rcv_fraction, float)
@@ -85,8 +82,6 @@ def tim1b_clock(obc_second, rcv_second, rcv_fraction, qualflg) -> Clock:
 def clk1b_clock(rcv_second, eps_time, eps_drift, qualflg) -> Clock:
     """GPS minus receiver time at the records (m,) of CLK1B; qualflg bit 0 ends, bit 1 starts a stretch without jumps.
 
-    Notes
-    -----
     t_gps = rcv_time + eps_time; GRACE-FO Level-1 Handbook (JPL D-56935), CLK1B; docs/real_data.md, Time.
     """
     return _clock(np.asarray(rcv_second, np.int64), np.asarray(eps_time, float), np.asarray(eps_drift, float), qualflg)

@@ -60,23 +60,10 @@ def dipole_axis_i(time_gps):
 
 
 def extras(time, time_orbit, position_i, R_bi, mass, force_b):
-    """What slow disturbances follow, as effects look for it.
+    """What slow disturbances follow, as effects look for it, at times (n,) s along an orbit (k,) s, (k, 3) m.
 
-    Parameters
-    ----------
-    time : (n,) s
-    time_orbit, position_i : (k,) s, (k, 3) m
-    R_bi : (n, 3, 3)
-    mass : kg
-    force_b : (3,) m s-2, mean drag per mass
-
-    Returns
-    -------
-    extras : mass; non_gravitational_b, radiation_b (n, 3) m s-2; warmth (n,) 1; axis_b (n, 3) 1
-
-    Notes
-    -----
-    Radiation of `PUSH` m s-2 away from the Sun while it is up; the size is assumed, the shape is what matters.
+    mass kg; non_gravitational_b, the mean drag force_b (3,), and radiation_b (n, 3) m s-2; warmth (n,) 1; axis_b (n, 3)
+    1. Radiation of `PUSH` m s-2 away from the Sun while it is up; the size is assumed, the shape is what matters.
     """
     nodes = np.array([time[0], time[-1]])
     position = np.stack([np.interp(time, time_orbit, c) for c in np.asarray(position_i).T], axis=1)

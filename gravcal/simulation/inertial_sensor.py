@@ -196,8 +196,6 @@ def orbital_rate(chosen) -> float:
 def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, chosen) -> tuple[np.ndarray, np.ndarray]:
     """Linear and angular acceleration (n, 3) that hold the test mass in its cage, without noise.
 
-    Notes
-    -----
     f = a_ng + (M - G) p; torque / J = w' + J^-1 (w x J w - vex(J G - G J)); equations.md M1 and section 8.5. Drag acts
     against the flight, solar pressure along the normal of the orbit.
     """
@@ -300,8 +298,6 @@ def with_effects(time, linear_b, angular_b, truth: Truth, hidden: Hidden) -> tup
 def read_volts(linear_b, angular_b, truth: Truth, chosen, rng, drift_b=0.0) -> np.ndarray:
     """Recorded voltages (n, 6) of accelerations (n, 3) that hold the test mass; `drift_b` (n, 3) wander of the bias.
 
-    Notes
-    -----
     V = (f - b - n)/k; Remote Sens. 2023, 15, 3817, eq. 4.
     """
     half_band = np.sqrt(0.5 / STEP_SENSOR)
