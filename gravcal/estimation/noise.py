@@ -350,7 +350,7 @@ def levels(
 STRETCHES = 24  # of a record, whose powers say how its noise changes along it
 
 
-def changing_levels(white: np.ndarray, lost: float, degree: int = 2) -> Levels:
+def changing_levels(white: np.ndarray, lost: float) -> Levels:
     """Levels of noise whose amplitude changes slowly along a record, from what a fit leaves of the record itself.
 
     One everywhere unless the powers of its stretches deny it, see `STATIONARY`. A level of each stretch by itself would
@@ -358,7 +358,7 @@ def changing_levels(white: np.ndarray, lost: float, degree: int = 2) -> Levels:
     whitened by the models of the axes, evenly spaced, NaN where missing; the fit took `lost` parameters from each axis;
     the logarithm of the amplitude follows a polynomial of this degree. Each sample is a part of the levels.
     """
-    parts = np.array_split(np.arange(len(white)), min(STRETCHES, len(white) // 16))
+    parts, degree = np.array_split(np.arange(len(white)), min(STRETCHES, len(white) // 16)), 2
     count = np.array([np.isfinite(white[part]).all(axis=1).sum() for part in parts]) * (1 - lost / max(len(white), 1))
     parts = [part for part, known in zip(parts, count, strict=True) if known > 8]
     count = count[count > 8]
@@ -402,18 +402,16 @@ DEPENDENT = 1e-5  # of the largest: columns that hardly differ are one
 NODES = 1024
 
 
-def fit_detrended(
-    segments: list[np.ndarray], clean: Callable, order: int, step_s: float, seed: int = 0
-) -> list[NoiseModel]:
+def fit_detrended(segments: list[np.ndarray], clean: Callable, order: int, step_s: float) -> list[NoiseModel]:
     """Autoregressive model of each axis from residuals.
 
     Parameters
     ----------
     segments : list of (n_i, 3) any unit, evenly spaced, NaN where missing
     clean : (segment, index of it) -> segment after the fit, (n_i, 3); linear in the segment
-    order, step_s, seed : of the models; s; of the simulated noise
+    order, step_s : of the models; s
     """
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(0)
     axes = range(segments[0].shape[1])
     residual = [clean(s, i) for i, s in enumerate(segments)]
     seen = [fit_noise([r[:, a] for r in residual], order, step_s) for a in axes]
@@ -502,7 +500,7 @@ def from_density(density: np.ndarray, order: int, step_s: float) -> NoiseModel:
     return NoiseModel(np.array(reflection), np.array(variance), step_s)
 
 
-BACKGROUND = 31  # frequencies over which the background is the median
+BACKGROUND, FINE = 31, 20  # frequencies over which the background is the median; parts between them for a line
 LOWEST_HZ = 0.015
 LINE_LIMIT = 12  # lines at most
 
@@ -524,48 +522,32 @@ def without_lines(
     cleaned, found = [s.copy() for s in segments], []
     length = int(np.median([np.isfinite(s[:, 0]).sum() for s in segments]))
     parts = next_fast_len(2 * length, real=True)
-    lowest = int(np.ceil(LOWEST_HZ * parts * step_s))
-    grid = np.arange(lowest, int(0.48 * parts)) / (parts * step_s)
+    lowest, highest = int(np.ceil(LOWEST_HZ * parts * step_s)), int(0.48 * parts)
     for axis in range(segments[0].shape[1]):
         for _ in range(LINE_LIMIT):
-            power = _spectrum(cleaned, axis, parts)[lowest : int(0.48 * parts)]
+            fine = _spectrum(cleaned, axis, FINE * parts)
+            power = fine[FINE * lowest : FINE * highest : FINE]
             ratio = power / median_filter(power, BACKGROUND, mode="nearest")
             best = int(np.argmax(ratio))
-            if chdtrc(2 * len(cleaned), 2 * len(cleaned) * ratio[best]) * grid.size > level:
+            if chdtrc(2 * len(cleaned), 2 * len(cleaned) * ratio[best]) * ratio.size > level:
                 break
-            near = grid[best] + np.linspace(-1, 1, 41) * (grid[1] - grid[0])
-            frequency = float(near[np.argmax(_power(cleaned, axis, near, step_s))])
+            first = FINE * (lowest + best - 1)
+            frequency = float(first + np.argmax(fine[first : first + 2 * FINE + 1])) / (FINE * parts * step_s)
             _take_out(cleaned, axis, frequency, step_s)
             found.append((axis, frequency))
     return cleaned, found
 
 
 def _spectrum(segments, axis, parts):
-    """Mean windowed power of the segments at whole multiples of the sampling frequency over ``parts``."""
+    """Mean power of the segments less a parabola, under a Hann window, at multiples of the sampling over ``parts``."""
     total = np.zeros(parts // 2 + 1)
-    for segment in segments:
-        index, values, norm = _windowed(segment[:, axis])
-        folded = np.bincount(index % parts, weights=values, minlength=parts)  # longer segments come round again
-        total += np.abs(np.fft.rfft(folded)) ** 2 / norm
+    for values in (segment[:, axis] for segment in segments):
+        index = np.flatnonzero(np.isfinite(values))
+        window = np.hanning(index.size + 2)[1:-1]
+        tapered = window * (values[index] - np.polynomial.Polynomial.fit(index, values[index], 2)(index))
+        folded = np.bincount(index % parts, weights=tapered, minlength=parts)  # longer segments come round again
+        total += np.abs(np.fft.rfft(folded)) ** 2 / np.sum(window**2)
     return total / len(segments)
-
-
-def _power(segments, axis, frequency, step_s):
-    """Mean windowed power of the segments at any frequencies (f,)."""
-    total = np.zeros(frequency.size)
-    for segment in segments:
-        index, values, norm = _windowed(segment[:, axis])
-        wave = np.exp(-2j * np.pi * np.outer(frequency, index * step_s))
-        total += np.abs(wave @ values) ** 2 / norm
-    return total / len(segments)
-
-
-def _windowed(values):
-    """Places of the samples that are there, these less a parabola under a Hann window, and its sum of squares."""
-    index = np.flatnonzero(np.isfinite(values))
-    window = np.hanning(index.size + 2)[1:-1]
-    line = np.polynomial.Polynomial.fit(index, values[index], 2)(index)
-    return index, window * (values[index] - line), np.sum(window**2)
 
 
 def _take_out(segments, axis, frequency, step_s):

@@ -3,14 +3,7 @@
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 
-from gravcal.physics import check_increasing, check_shape, refuse
-from gravcal.physics.frames import (
-    R_bi_from_quaternion,
-    conjugate,
-    from_rotation_vector,
-    quaternion_product,
-    rotation_vector,
-)
+from gravcal.physics import check_increasing, check_shape, frames, refuse
 
 
 def rates_from_attitude(time, quaternion, half_width=2, degree=4):
@@ -44,7 +37,7 @@ def rates_from_attitude(time, quaternion, half_width=2, degree=4):
         refuse("rates_from_attitude", found, "2 <= degree < 2 half_width + 1 <= epochs", "Widen the arc.")
     first = np.clip(np.arange(time.size) - half_width, 0, time.size - width)
     window = first[:, None] + np.arange(width)
-    angle = rotation_vector(quaternion_product(conjugate(q)[:, None], q[window]))
+    angle = frames.rotation_vector(frames.quaternion_product(frames.conjugate(q)[:, None], q[window]))
     lag = time[window] - time[:, None]
     scale = np.abs(lag).max(axis=1)[:, None]
     powers = (lag / scale)[..., None] ** np.arange(degree + 1)
@@ -73,7 +66,7 @@ def published_rates_from_attitude(time, quaternion):
     frequency W sampled at h is sin(W h)/(W h), and its square for w'.
     """
     time = check_increasing("published_rates_from_attitude: time", time)
-    R_ib = np.swapaxes(R_bi_from_quaternion(check_shape("quaternion", quaternion, (time.size, 4))), -1, -2)
+    R_ib = np.swapaxes(frames.R_bi_from_quaternion(check_shape("quaternion", quaternion, (time.size, 4))), -1, -2)
     R, R_dot = (R_ib[2:] + R_ib[:-2]) / 2, _central(time, R_ib)
     rate, rate_dot = np.full((2, time.size, 3), np.nan)
     for axis in range(3):
@@ -103,10 +96,10 @@ def attitude_from_rates(time: np.ndarray, rate_b: np.ndarray, start: np.ndarray)
     """
     step = np.diff(time)[:, None]
     turn = step / 2 * (rate_b[:-1] + rate_b[1:]) + step**2 / 12 * np.cross(rate_b[:-1], rate_b[1:])
-    product = np.concatenate([np.asarray(start, dtype=float)[None], from_rotation_vector(turn)])
+    product = np.concatenate([np.asarray(start, dtype=float)[None], frames.from_rotation_vector(turn)])
     reach = 1
     while reach < product.shape[0]:
-        product[reach:] = quaternion_product(product[:-reach], product[reach:])
+        product[reach:] = frames.quaternion_product(product[:-reach], product[reach:])
         reach *= 2
     return product / np.linalg.norm(product, axis=1, keepdims=True)
 

@@ -64,10 +64,9 @@ def decimal_year(time_gps):
 
     The 18 s between GPS and UTC change the field by less than 1e-4 nT.
     """
-    time = np.asarray(time_gps, float)
-    years, starts = _year_starts()
-    at = np.clip(np.searchsorted(starts, time, side="right") - 1, 0, years.size - 2)
-    return years[at] + (time - starts[at]) / (starts[at + 1] - starts[at])
+    date = np.datetime64("2000-01-01T12:00:00") + (1e9 * np.asarray(time_gps, float)).astype("timedelta64[ns]")
+    year = date.astype("datetime64[Y]")
+    return 1970 + year.astype(int) + (date - year) / ((year + 1).astype("datetime64[ns]") - year)
 
 
 def coefficient_file(generation):
@@ -92,13 +91,6 @@ def gauss_coefficients(generation):
         table = h if int(order) < 0 else g
         table[:, int(degree), abs(int(order))] = np.array(values, float)
     return epochs, g, h
-
-
-@lru_cache
-def _year_starts():
-    years = np.arange(1890, 2051)
-    starts = (years - 1970).astype("datetime64[Y]").astype("datetime64[s]") - np.datetime64("2000-01-01T12:00:00")
-    return years, starts.astype(float)
 
 
 @lru_cache

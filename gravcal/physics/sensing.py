@@ -51,7 +51,7 @@ def published_offset_matrix(rate_b, rate_dot_b):
     return -rotation_tensor(rate_b, rate_dot_b)
 
 
-def proof_mass_reading(nongravitational_b, tensor_b, com_to_proof_mass_b, parasitic_b=0.0):
+def proof_mass_reading(nongravitational_b, tensor_b, com_to_proof_mass_b):
     """Acceleration that holds the proof mass in its cage.
 
     Parameters
@@ -59,7 +59,6 @@ def proof_mass_reading(nongravitational_b, tensor_b, com_to_proof_mass_b, parasi
     nongravitational_b : (..., 3) m s-2, of the satellite's CoM
     tensor_b : (..., 3, 3) s-2, from offset_tensor
     com_to_proof_mass_b : (..., 3) m, constant
-    parasitic_b : (..., 3) m s-2, acting on the proof mass
 
     Returns
     -------
@@ -67,6 +66,6 @@ def proof_mass_reading(nongravitational_b, tensor_b, com_to_proof_mass_b, parasi
 
     Notes
     -----
-    f = a_ng - a_par + (M - G) p; equations.md M1. Over a moving CoM add offset_drift_reading.
+    f = a_ng + (M - G) p; equations.md M1.
     """
-    return nongravitational_b - parasitic_b + np.matvec(tensor_b, com_to_proof_mass_b)
+    return nongravitational_b + np.matvec(tensor_b, com_to_proof_mass_b)

@@ -78,14 +78,10 @@ def _march(state, count, step, gm, radius, j2):
 
 def nominal_attitude(state_i: np.ndarray, x_along_velocity: float) -> tuple[np.ndarray, np.ndarray]:
     """Quaternion (n, 4) and rate (n, 3) rad s-1 with z to nadir, x along (+1) or against (-1) the flight."""
-    position, velocity = state_i[:, :3], state_i[:, 3:]
-    z = -position / np.linalg.norm(position, axis=1, keepdims=True)
-    normal = np.cross(position, velocity)
-    momentum = np.linalg.norm(normal, axis=1)
-    y = -x_along_velocity * normal / momentum[:, None]
-    R_bi = np.stack([np.cross(y, z), y, z], axis=1)
-    rate = np.zeros_like(position)
-    rate[:, 1] = -x_along_velocity * momentum / np.sum(position**2, axis=1)
+    R_bi = frames.flight_frame(state_i)[:, ::-1] * [[x_along_velocity], [x_along_velocity], [-1.0]]
+    momentum = np.linalg.norm(np.cross(state_i[:, :3], state_i[:, 3:]), axis=1)
+    rate = np.zeros((len(state_i), 3))
+    rate[:, 1] = -x_along_velocity * momentum / np.sum(state_i[:, :3] ** 2, axis=1)
     return frames.continuous(frames.quaternion_from_R_bi(R_bi)), rate
 
 

@@ -16,7 +16,6 @@ from gravcal.calibrations.gradient_torque.estimate import uncontrolled_torque, u
 from gravcal.calibrations.gradient_torque.model import box_inertia
 from gravcal.effects.gradient import apart, tensor
 from gravcal.estimation import noise
-from gravcal.estimation.least_squares import orthonormal
 from gravcal.physics import frames, kinematics
 
 #: Global parameters: centre of pressure m, constant torque N m, distance of the sensors m.
@@ -101,11 +100,16 @@ def coloured(time, series, columns, effects, bin_s, order) -> Channel:
     good = np.isfinite(bins).all(axis=(1, 2))
     left = np.where(good[:, None], bins[:, :, 0], np.nan)
     beside = np.nan_to_num(np.concatenate([bins[:, :, 1:], *(means(one, width) for one in effects)], axis=2))
+
+    def clean(columns):
+        """What is left of the bins beside columns (m, 3, q)."""
+        return noise.beside([left], [columns])(left, 0)
+
     for axis in range(3 if effects else 0):
-        found = noise.jumps(lambda places, a=axis, b=beside: _left_beside(left, _with_jumps(b, a, places))[:, a])
+        found = noise.jumps(lambda places, a=axis, b=beside: np.nan_to_num(clean(_with_jumps(b, a, places))[:, a]))
         beside = _with_jumps(beside, axis, found)
     models = tuple(noise.fit_detrended([left], noise.beside([left], [beside]), order, bin_s))
-    rest = np.where(good[:, None], _left_beside(left, beside), np.nan)
+    rest = clean(beside)
     white = np.stack([noise.whiten(model, rest[:, k], good) for k, model in enumerate(models)], axis=1)
     level = noise.changing_levels(np.where(good[:, None], white, np.nan), beside.shape[2] / 3)
     channel = Channel(width, means(time, width), good, models, level)
@@ -117,15 +121,6 @@ def _with_jumps(beside, axis, places):
     columns = np.zeros((len(beside), 3, 2 * len(places)))
     columns[:, axis] = noise.jump_columns(len(beside), places)
     return np.concatenate([beside, columns], axis=2)
-
-
-def _left_beside(series, columns):
-    """What is left of bins (m, 3) beside columns (m, 3, q), zero where there are none."""
-    good = np.isfinite(series).all(axis=1)
-    basis, flat = orthonormal(columns[good].reshape(-1, columns.shape[2]), noise.DEPENDENT), series[good].ravel()
-    left = np.zeros_like(series)
-    left[good] = (flat - basis @ (basis.T @ flat)).reshape(-1, 3)
-    return left
 
 
 def of_attitude(about, R_bi, observed, modelled, beyond, settings) -> Channel:

@@ -6,6 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.causes import on_axes
 from gravcal.calibrations.inertial_sensor import align, model
 from gravcal.calibrations.inertial_sensor.align import SCHEMAS
 from gravcal.calibrations.schemas import build
@@ -295,21 +296,6 @@ class Record:
         return least_squares.polynomial(self.time, self.degree, self.time[0], self.time[-1])
 
 
-@dataclass(frozen=True)
-class Offset:
-    """Offset (3,) m with covariance (3, 3) m2, scale factors held; chi2, dof.
-
-    `observed` (3 b,) and `design` (3 b, p) are the whitened rows in order of time, polynomials included.
-    """
-
-    value: np.ndarray
-    covariance: np.ndarray
-    chi2: float
-    dof: int
-    observed: np.ndarray
-    design: np.ndarray
-
-
 def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, drift_degree, noise_order) -> xr.Dataset:
     """Offset of one swing from "inertial_sensor.align" and "inertial_sensor.scale"; method "gravcal" or "published"."""
     record = record_of(aligned, scaled, quiet_margin_s, drift_degree, noise_order)
@@ -321,11 +307,11 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     shift = np.array([shifts(record, k, axes) * relative[:, None] for axes in CHOICES])
     covariance = np.array([one.covariance for one in fits])
     total = covariance + np.einsum("cqi,cqj->cij", shift, shift)
-    used, rows = fits[0].design[:, np.any(fits[0].design != 0, axis=0)], np.arange(record.time.size) * 3 + 2
-    start = kalman.free_start(used, 1.0)  # polynomials are in the state of the filter
-    run = kalman.filter_constants(fits[0].observed, used, np.zeros(used.shape[1]), start, 1.0)
-    factor, factor_sigma, factor_total = factor_y(record, k, relative[:4])
     columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
+    observed, design = _in_order(record, k, columns)
+    start, rows = kalman.free_start(design, 1.0), np.arange(record.time.size) * 3 + 2
+    run = kalman.filter_constants(observed, design, np.zeros(design.shape[1]), start, 1.0)
+    factor, factor_sigma, factor_total = factor_y(record, k, relative[:4])
     values = {
         "offset": [one.value for one in fits],
         "covariance": covariance,
@@ -378,37 +364,29 @@ def noise_models(blocks: list[np.ndarray], order: int, step_s: float) -> tuple[N
 
 def fit_offset(
     record: Record, k: np.ndarray, axes: tuple[int, ...] = CHOICES[0], tensor=sensing.offset_tensor
-) -> Offset:
+) -> estimating.Estimate:
     """Least squares for the offset, with k (3,) m s-2 V-1 held, by the readings of some axes.
 
     k V = -b + a_ng + (M - G) p; Remote Sens. 2023, 15, 3817, eq. 12 with the gravity gradient it drops.
     """
-    columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
+    volts = np.where(np.isin(range(3), axes), record.linear_volt, np.nan)
+    columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b) / np.asarray(k)[:, None]
+    return _finite(estimating.estimate(volts, columns, record.noise, record.trend, ("x", "y", "z"), "m"))
+
+
+def _finite(found):
+    """Estimate whose directions that nothing determines are zero, without error."""
+    covariance = least_squares.stable_inverse(found.information)
+    return replace(found, value=covariance @ found.right, covariance=covariance)
+
+
+def _in_order(record, k, columns):
+    """Whitened readings (3 b,) in order of time, and columns of the offset and of the polynomial of each axis."""
     good = np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(columns).all(axis=(1, 2))
-    trend = record.trend
-    count, width = trend.shape
-    whitened = np.zeros((3, count, 4 + width))  # reading, offset, trend of each axis
-    for axis in axes:
-        rows = np.c_[record.linear_volt[:, axis], columns[:, axis] / k[axis], trend]
-        whitened[axis] = whiten(record.noise[axis], rows, good)
-    reading, place, trends = np.split(whitened, [1, 4], axis=2)
-    clean = np.concatenate([least_squares.without(t, a) for t, a in zip(trends, place, strict=True)])
-    covariance = least_squares.stable_inverse(clean.T @ clean)
-    value = covariance @ (clean.T @ reading.reshape(-1))
-    left = reading[:, :, 0] - place @ value
-    residual = np.array([least_squares.without(t, r) for t, r in zip(trends, left, strict=True)])
-    design = np.zeros((count, 3, 3 + 3 * width))
-    design[:, :, :3] = place.transpose(1, 0, 2)
-    for axis in range(3):
-        design[:, axis, 3 + axis * width : 3 + (axis + 1) * width] = trends[axis]
-    return Offset(
-        value,
-        covariance,
-        chi2=float(np.sum(residual**2)),
-        dof=len(axes) * (int(np.count_nonzero(good)) - width) - 3,
-        observed=reading[:, :, 0].T.reshape(-1),
-        design=design.reshape(3 * count, -1),
-    )
+    rows = np.concatenate([record.linear_volt[:, :, None], columns / k[:, None], on_axes(record.trend)], axis=2)
+    white = np.stack([whiten(model, rows[:, a], good) for a, model in enumerate(record.noise)], axis=1)
+    white = white.reshape(-1, rows.shape[2])
+    return white[:, 0], white[:, 1:]
 
 
 def factor_y(record: Record, k: np.ndarray, relative: np.ndarray) -> tuple[float, float, float]:
@@ -425,21 +403,14 @@ def factor_y(record: Record, k: np.ndarray, relative: np.ndarray) -> tuple[float
 def _factor_y(record, k):
     """Value and statistical error: Gauss-Newton in p and 1/k_y, from p without a_y."""
     columns = sensing.offset_tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
-    good = np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(columns).all(axis=(1, 2))
     place, inverse = fit_offset(record, k, CHOICES[1]).value, 1 / np.asarray(k, float)
     for _ in range(ROUNDS):
         term = np.matvec(columns, place)
-        parts = []
-        for axis in range(3):
-            own = term[:, axis, None] * (axis == 1)
-            left = record.linear_volt[:, axis] - inverse[axis] * term[:, axis]
-            rows = whiten(record.noise[axis], np.c_[left, inverse[axis] * columns[:, axis], own, record.trend], good)
-            parts.append(least_squares.without(rows[:, 5:], rows[:, :5]))
-        clean = np.concatenate(parts)
-        covariance = least_squares.stable_inverse(clean[:, 1:].T @ clean[:, 1:])
-        step = covariance @ (clean[:, 1:].T @ clean[:, 0])
-        place, inverse = place + step[:3], inverse + np.array([0, step[3], 0])
-    return 1 / inverse[1], float(np.sqrt(covariance[3, 3])) / inverse[1] ** 2
+        rows = np.concatenate([inverse[:, None] * columns, (term * [0, 1, 0])[:, :, None]], axis=2)
+        left, names = record.linear_volt - inverse * term, ("x", "y", "z", "1/k_y")
+        step = _finite(estimating.estimate(left, rows, record.noise, record.trend, names, "m, m, m, V s2 m-1"))
+        place, inverse = place + step.value[:3], inverse + np.array([0, step.value[3], 0])
+    return 1 / inverse[1], float(step.sigma[3]) / inverse[1] ** 2
 
 
 def shifts(record: Record, k: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:

@@ -13,6 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.interpolate import make_interp_spline
 from scipy.linalg import cho_solve, solve_triangular
 
 from gravcal.calibrations.inertial_sensor import align
@@ -160,10 +161,8 @@ def angle_columns(swing: Swing, motion: Motion) -> np.ndarray:
 
 
 def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Linear interpolation along the first axis of values (n, ...), beyond the ends too."""
-    place = np.clip(np.searchsorted(time, at, side="right") - 1, 0, time.size - 2)
-    share = ((at - time[place]) / (time[place + 1] - time[place])).reshape(-1, *[1] * (values.ndim - 1))
-    return (1 - share) * values[place] + share * values[place + 1]
+    """Straight lines between values (n, ...) along the first axis, beyond the ends too."""
+    return make_interp_spline(time - time[0], values, k=1)(at - time[0])
 
 
 def noise_map(swing: Swing, motion: Motion) -> np.ndarray:
