@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numba import njit
 from scipy.integrate import DOP853
+from scipy.interpolate import CubicSpline
 
 from gravcal.physics import check_increasing, check_shape, refuse
 from gravcal.physics.frames import vex
@@ -22,7 +23,6 @@ from gravcal.physics.frames import vex
 SENSITIVITY_PARAMETERS = (
     *(f"angle_{axis}" for axis in "xyz"),  # rad, attitude error at the epoch of the state, in b
     *(f"rate_{axis}" for axis in "xyz"),  # rad s-1, rate at the epoch of the state, in b
-    *(f"torque_{axis}" for axis in "xyz"),  # N m, constant torque in b
     *(f"scale_{axis}" for axis in "xyz"),  # 1, factor of the magnetic torque about each body axis
     "edge_shift",  # s, common shift of all dipole edges, positive is later
 )
@@ -44,11 +44,10 @@ class Torque:
     inertia: np.ndarray  #: (3, 3) kg m2, about the CoM, in b
     edges: np.ndarray  #: (m + 1,) GPS s, strictly increasing; the dipole is constant between them and zero outside
     dipole_b: np.ndarray  #: (m, 3) A m2, between edges[j] and edges[j + 1]
-    field_time: np.ndarray  #: (k,) GPS s, k >= 4, covers the integration; about 1 Hz (local cubics in between)
+    field_time: np.ndarray  #: (k,) GPS s, k >= 4, covers the integration; about 1 Hz (a cubic spline in between)
     field_i: np.ndarray  #: (k, 3) T, magnetic field along the orbit
     #: (k, 3, 3) s-2, gravity gradient along the orbit at field_time; None for no gravity-gradient torque
     gradient_i: np.ndarray | None = None
-    constant_b: np.ndarray = (0.0, 0.0, 0.0)  #: (3,) N m
     scale_b: np.ndarray = (1.0, 1.0, 1.0)  #: (3,) 1, factor of the magnetic torque about each body axis
     extra_time: np.ndarray | None = None  #: (j,) GPS s, non-decreasing, or None; an epoch given twice is a jump
     extra_b: np.ndarray | None = None  #: (j, 3) N m, linear between extra_time, zero outside
@@ -120,7 +119,7 @@ def integrate_with_sensitivity(time, state, torque, max_step=2.0):
     quaternion : (n, 4) scalar first
     rate_b : (n, 3) rad s-1
     rate_dot_b : (n, 3) rad s-2
-    sensitivity : (n, 6, 13) d(angle_b, rate_b) / d(SENSITIVITY_PARAMETERS)
+    sensitivity : (n, 6, 10) d(angle_b, rate_b) / d(SENSITIVITY_PARAMETERS)
 
     Notes
     -----
@@ -170,8 +169,8 @@ def _problem(torque, origin, duration):
     value, slope = _piecewise_linear(extra_time, extra, breaks[:-1], middle)
     knots, spline = _polynomials(torque, origin, duration)
     segment = np.searchsorted(edges, middle, side="right") if edges.size > 1 else np.zeros(middle.size, int)
-    constant, scale = (check_shape(f"torque.{n}", getattr(torque, n), (3,)) for n in ("constant_b", "scale_b"))
-    known = inertia, np.linalg.inv(inertia), constant, scale, torque.gradient_i is not None
+    scale = check_shape("torque.scale_b", torque.scale_b, (3,))
+    known = inertia, np.linalg.inv(inertia), scale, torque.gradient_i is not None
     return Problem(breaks, padded[segment], value, slope, knots, spline, *known)
 
 
@@ -201,18 +200,7 @@ def _polynomials(torque, origin, duration):
         values[:, 3:] = gradient[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
     if not np.all(np.isfinite(values)):
         refuse("torque.field_i, gradient_i", "values that are not finite", "finite values", "Fill or cut the gap.")
-    return knots, _cubics(knots, values)
-
-
-def _cubics(t, values):
-    """Cubic (k - 1, 4, columns) through the four samples round each interval, in powers of the time since its start."""
-    first = np.diff(values, axis=0) / np.diff(t)[:, None]
-    second = np.diff(first, axis=0) / (t[2:] - t[:-2])[:, None]
-    third = np.diff(second, axis=0) / (t[3:] - t[:-3])[:, None]
-    a = np.clip(np.arange(t.size - 1) - 1, 0, t.size - 4)
-    d0, d1, d2 = (t[:-1, None] - t[a + lag, None] for lag in range(3))
-    linear = first[a] + second[a] * (d0 + d1) + third[a] * (d0 * d1 + d0 * d2 + d1 * d2)
-    return np.stack([third[a], second[a] + third[a] * (d0 + d1 + d2), linear, values[:-1]], axis=1)
+    return knots, np.moveaxis(CubicSpline(knots, values).c, 1, 0).copy()
 
 
 @njit(cache=True)
@@ -297,8 +285,8 @@ def gradient_torque_by_angle(J, S):
 
 # breaks (p + 1,): steps end here; dipole, extra, slope (p, 3): torque data from one break to the next
 # knots (k,), spline (k - 1, 4, 9): cubic in time of field_i and of six elements of gradient_i; gradient: use it or not
-# inertia and its inverse (3, 3), constant and scale (3,)
-Problem = namedtuple("Problem", "breaks dipole extra slope knots spline inertia inverse constant scale gradient")
+# inertia and its inverse (3, 3), scale (3,)
+Problem = namedtuple("Problem", "breaks dipole extra slope knots spline inertia inverse scale gradient")
 
 STAGES = 16  # twelve of the step, the derivative at its end, three more for the dense output
 A = np.zeros((STAGES, STAGES))
@@ -456,13 +444,13 @@ def _derivative(problem, piece, t, y, dy):
 
 @njit(cache=True)
 def _total(problem, piece, t, magnetic, other):
-    """Scaled magnetic torque, constant, extra torque and the rest."""
+    """Scaled magnetic torque, extra torque and the rest."""
     dt = t - problem.breaks[piece]
-    k, s, e, d = problem.constant, problem.scale, problem.extra[piece], problem.slope[piece]
+    s, e, d = problem.scale, problem.extra[piece], problem.slope[piece]
     return (
-        s[0] * magnetic[0] + other[0] + k[0] + e[0] + dt * d[0],
-        s[1] * magnetic[1] + other[1] + k[1] + e[1] + dt * d[1],
-        s[2] * magnetic[2] + other[2] + k[2] + e[2] + dt * d[2],
+        s[0] * magnetic[0] + other[0] + e[0] + dt * d[0],
+        s[1] * magnetic[1] + other[1] + e[1] + dt * d[1],
+        s[2] * magnetic[2] + other[2] + e[2] + dt * d[2],
     )
 
 
@@ -506,11 +494,10 @@ def _variation(inverse, by_angle, by_rate, y, dy):
 
 @njit(cache=True)
 def _forcing(inverse, magnetic, n, dy):
-    """Columns 6 to 8: constant torque; columns 9 to 11: scale of the magnetic torque."""
+    """Columns 6 to 8: scale of the magnetic torque."""
     for row in range(3):
         for axis in range(3):
-            dy[7 + (3 + row) * n + 6 + axis] += inverse[3 * row + axis]
-            dy[7 + (3 + row) * n + 9 + axis] += inverse[3 * row + axis] * magnetic[axis]
+            dy[7 + (3 + row) * n + 6 + axis] += inverse[3 * row + axis] * magnetic[axis]
 
 
 @njit(cache=True)

@@ -29,7 +29,7 @@ def manoeuvre(start=0.0, phase=1.3, duration=180.0, height=6.87e6, half_period=6
     inertia = np.array([[110.0, -2.0, 3.0], [-2.0, 580.0, 1.0], [3.0, 1.0, 650.0]])
     gradient = gravity.gradient_i(position)
     state = dynamics.State(start, np.array([0.5, 0.5, -0.5, 0.5]), np.array([1e-4, -1.1e-3, 2e-4]))
-    torque = dynamics.Torque(inertia, edges, dipole, clock, field, gradient, constant_b=(1e-5, -2e-5, 5e-6))
+    torque = dynamics.Torque(inertia, edges, dipole, clock, field, gradient)
     return state, torque, start + np.arange(duration + 1)
 
 
@@ -76,7 +76,7 @@ def _slope(y, m, field_i, gradient_i, J, inverse, torque):
     wx, mx = _cross(w), _cross(m)
     R = (s * s - v @ v) * np.eye(3) + 2 * np.outer(v, v) - 2 * s * _cross(v)
     Bx, H = _cross(R @ field_i), J @ w
-    t = torque.scale_b * (mx @ R @ field_i) + torque.constant_b - wx @ H
+    t = torque.scale_b * (mx @ R @ field_i) - wx @ H
     A = np.zeros((6, 6))
     A[:3, :3], A[:3, 3:] = -wx, np.eye(3)
     by_angle = np.asarray(torque.scale_b)[:, None] * (mx @ Bx)

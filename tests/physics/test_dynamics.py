@@ -63,11 +63,11 @@ def test_the_kernel_agrees_with_scipy_stopped_at_the_edges():
     assert_allclose(sensitivity[..., :6], transition, atol=1e-9)  # of 180 s
 
 
-@pytest.mark.parametrize("column", range(13))
+@pytest.mark.parametrize("column", range(10))
 def test_every_sensitivity_equals_a_finite_difference(column):
     """Analytic: central differences of complete integrations; their own error is 1e-6 of each row's largest value."""
     state, torque, at = physics_references.manoeuvre()
-    step = [1e-4, 1e-6, 1e-5, 1e-2, 1e-3][column // 3]
+    step = [1e-4, 1e-6, 1e-2, 1e-3][column // 3]
     sensitivity = dynamics.integrate_with_sensitivity(at, state, torque)[3][..., column]
     ends = []
     for sign in (1, -1):
@@ -91,8 +91,6 @@ def moved(state, torque, column, step):
     if column < 6:
         return replace(state, rate_b=state.rate_b + change), torque
     if column < 9:
-        return state, replace(torque, constant_b=torque.constant_b + change)
-    if column < 12:
         return state, replace(torque, scale_b=torque.scale_b + change)
     return state, replace(torque, edges=torque.edges + step)
 

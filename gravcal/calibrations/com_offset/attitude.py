@@ -568,9 +568,9 @@ def _linearised(window, solution, choice, slow):
             slow = slow_torque_response(arc, time, sensitivity[:, :, :6], choice.torque_degree)
         columns.append(slow)
     if choice.scale_sigma > 0:
-        columns.append(sensitivity[:, :3, 9:12])
+        columns.append(sensitivity[:, :3, 6:9])
     if choice.shift_sigma > 0:
-        columns.append(sensitivity[:, :3, 12:13])
+        columns.append(sensitivity[:, :3, 9:10])
     return residual, np.concatenate(columns, axis=2), slow
 
 

@@ -161,7 +161,7 @@ def _manoeuvre(products, index, window, estimates, settings):
     step = settings["integration_step_s"]
     _, _, _, sensitivity = dynamics.integrate_with_sensitivity(window.time, state, path, max_step=step)
     slow = motion.slow_torque_response(window.arc, window.time, sensitivity[:, :, :6], degree)
-    local = np.concatenate([sensitivity[:, :3, :6], slow, sensitivity[:, :3, 12:13]], axis=2)
+    local = np.concatenate([sensitivity[:, :3, :6], slow, sensitivity[:, :3, 9:10]], axis=2)
     # what effects look at; tags are taken as they are, for edges tell a delay to 0.1 s and the field would take that up
     orbit = aligned["time_orbit"].values, aligned["position_i"].values
     bare = Context(
@@ -180,7 +180,7 @@ def _manoeuvre(products, index, window, estimates, settings):
     offset, noise = estimates
     context = replace(context, linear_b=catalogue()["accelerometer.offset"].contribution(context, offset))
     sampled = at_one_hertz(field_, *window.arc.edges[[0, -1]])
-    about = sensitivity[:, :, :6], local, sensitivity[:, :3, 9:12], shift, seen
+    about = sensitivity[:, :, :6], local, sensitivity[:, :3, 6:9], shift, seen
     now = context, offset, settings["linear_drift_degree"], sampled, orbit
     return Manoeuvre(index, window, time, rows, operator, *about, noise, *now)
 
