@@ -63,13 +63,17 @@ def plain(checks: Iterable[Check]) -> list[dict]:
     return [asdict(one) | {"value": one.value if np.isfinite(one.value) else None} for one in checks]
 
 
-def longest_constant(time: np.ndarray, values: np.ndarray) -> float:
-    """Longest time (s) over which any column of (n, m) reads the same at every sample: frozen, zero, saturated."""
+def longest_constant(time: np.ndarray, values: np.ndarray, longest_step: float = np.inf) -> float:
+    """Longest time (s) over which any column of (n, m) reads the same at every sample: frozen, zero, saturated.
+
+    A step from sample to sample that is longer than a limit (s) ends it.
+    """
     longest = 0.0
     for series in values.T:
         known = np.isfinite(series)
         epoch, reading = time[known], series[known]
-        edge = np.flatnonzero(np.concatenate([[True], reading[1:] != reading[:-1], [True]])) if epoch.size else []
+        other = (reading[1:] != reading[:-1]) | (np.diff(epoch) > longest_step)
+        edge = np.flatnonzero(np.concatenate([[True], other, [True]])) if epoch.size else []
         longest = max(longest, np.max(epoch[edge[1:] - 1] - epoch[edge[:-1]], initial=0.0) if epoch.size else np.inf)
     return float(longest)
 

@@ -34,11 +34,6 @@ def linear_over_angular(mass: float, inertia, arm) -> np.ndarray:
     return np.asarray(inertia) / (mass * np.asarray(arm))
 
 
-def published_linear_over_angular(mass: float, inertia, arm) -> np.ndarray:
-    """The same with the printed factor 1/2 in beta: twice too large (eqs. 8-10 as printed)."""
-    return 2 * linear_over_angular(mass, inertia, arm)
-
-
 def ratio_relative_sigma(relative_mass: float, relative_inertia, relative_arm) -> np.ndarray:
     """Relative standard deviation (3,) of J/(M l) about each axis from those of mass, inertia and arm."""
     return np.sqrt(relative_mass**2 + np.asarray(relative_inertia) ** 2 + np.asarray(relative_arm) ** 2)

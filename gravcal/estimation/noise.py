@@ -7,8 +7,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy import fft
 from scipy.fft import next_fast_len
 from scipy.ndimage import median_filter
+from scipy.signal import lfilter
 from scipy.special import chdtrc
 
 from gravcal.estimation.least_squares import orthonormal
@@ -151,8 +153,6 @@ def coloured(density, count: int, step_s: float, rng: np.random.Generator) -> np
 
     The density is a callable, (m,) Hz -> (m,) squared unit per Hz.
     """
-    from scipy import fft
-
     length = fft.next_fast_len(count + int(200 / step_s), real=True)  # the wrap of the circle is cut off
     frequency = fft.rfftfreq(length, step_s)
     amplitude = np.zeros(frequency.size)
@@ -478,8 +478,6 @@ def _led_in(model):
 
 def _filtered(model, white, count):
     """The last samples (..., count) of white noise of unit variance, filtered along its last axis."""
-    from scipy.signal import lfilter
-
     last = model.coefficients[-1]
     return lfilter([1.0], np.concatenate([[1.0], -last]), np.sqrt(model.variance[-1]) * white)[..., -count:]
 

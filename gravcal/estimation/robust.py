@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 
 import numpy as np
+from scipy.ndimage import correlate1d, maximum_filter1d, median_filter
 
 from gravcal.estimation.least_squares import stable_inverse
 
@@ -29,11 +30,6 @@ def igg3_weights(normalised: np.ndarray, k0: float, k1: float) -> np.ndarray:
     return np.where(size <= k0, 1.0, np.where(size <= k1, middle, 0.0))
 
 
-def robust_scale(residual: np.ndarray) -> float:
-    """Standard deviation from the median of the absolute residuals."""
-    return float(np.median(np.abs(residual)) / 0.6744897501960817) if residual.size else 0.0
-
-
 def isolated(values: np.ndarray, reach: int, limit: float, weights=None, least: float = 0.0) -> np.ndarray:
     """Samples (n,) bool that stand apart from their neighbours on both sides, in runs no longer than `reach`.
 
@@ -43,8 +39,6 @@ def isolated(values: np.ndarray, reach: int, limit: float, weights=None, least: 
     value by its neighbours, for series that bend more than they scatter; the largest distance within the reach is then
     the outlier.
     """
-    from scipy.ndimage import correlate1d, maximum_filter1d, median_filter
-
     size = 2 * reach + 1
     if len(values) < 10 * size:
         return np.zeros(len(values), dtype=bool)
@@ -69,7 +63,7 @@ def solve(observed: np.ndarray, design: np.ndarray, constants: tuple[float, floa
     value = stable_inverse(normal) @ (design.T @ observed)
     for _ in range(50):
         residual = observed - design @ value
-        scale = robust_scale(residual)
+        scale = float(np.median(np.abs(residual)) / 0.6744897501960817) if residual.size else 0.0
         weight = igg3_weights(residual / scale, *constants) if scale > 0 else np.ones_like(residual)
         weighted = design.T * weight
         change = stable_inverse(weighted @ design) @ (weighted @ residual)

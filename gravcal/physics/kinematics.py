@@ -1,4 +1,4 @@
-"""Rates from attitude, attitude from rates; range, range rate and range acceleration from two orbits."""
+"""Rates from attitude, attitude from rates."""
 
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
@@ -128,16 +128,6 @@ def angle_from_rate_change(time: np.ndarray, R_bi: np.ndarray, rate_change_b: np
     """
     change_i = np.swapaxes(R_bi, 1, 2) @ rate_change_b
     return R_bi @ running_integral(time, change_i)
-
-
-def range_between(separation):
-    """Range (...,) m between two satellites from the separation (..., 3) m, position of B minus that of A.
-
-    Notes
-    -----
-    rho = norm(u); Remote Sens. 2022, 14, 3395, eqs. 5-6.
-    """
-    return np.linalg.norm(check_shape("separation", separation, (..., 3)), axis=-1)
 
 
 def _central(time, values):

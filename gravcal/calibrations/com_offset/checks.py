@@ -106,16 +106,13 @@ def _pointing(aligned, time, position, velocity):
 
 def _unchanged(aligned):
     """Longest time (s) over which a channel reads the same at every sample; NaN without a reading."""
-    longest = np.nan
+    longest = [np.nan]
     for sensor, names in CHANNELS.items():
         usable = aligned[f"{sensor}_flag"].values == 0
-        time = aligned[f"time_{sensor}"].values[usable]
-        broken = np.diff(time) > STEP_LIMIT_S
-        for column in np.concatenate([aligned[n].values[usable] for n in names], axis=1).T:
-            if np.isfinite(column).any():
-                edge = np.flatnonzero(np.concatenate([[True], broken | (column[1:] != column[:-1]), [True]]))
-                longest = np.fmax(longest, np.max(time[edge[1:] - 1] - time[edge[:-1]]))
-    return longest
+        values = np.concatenate([aligned[n].values[usable] for n in names], axis=1)
+        values, time = values[:, np.isfinite(values).any(axis=0)], aligned[f"time_{sensor}"].values[usable]
+        longest += [checking.longest_constant(time, values, STEP_LIMIT_S)] if values.size else []
+    return np.fmax.reduce(longest)
 
 
 def _apart_by_axis(known, limit):

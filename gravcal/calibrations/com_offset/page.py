@@ -12,6 +12,7 @@ from gravcal.calibrations.checks import at_least, at_most, largest, of_product
 from gravcal.calibrations.com_offset.align import OUTLIER, REACH, SCHEMAS
 from gravcal.calibrations.com_offset.estimate import adopted as adopted_variant
 from gravcal.calibrations.schemas import build
+from gravcal.io.vcm import commented, vector_line
 from gravcal.report import documents, plain
 from gravcal.report.figures import AXIS, COLOURS, HANN, bars, density, grid, joined, number_windows, thinned
 from gravcal.report.pages import Section, Table, figure, page
@@ -410,8 +411,6 @@ def vcm_line(document, satellite):
 
     It is a comment unless all data were measured, None unless all three components are determined.
     """
-    from gravcal.io.vcm import commented, vector_line
-
     if document["status"] not in documents.WITH_RESULT or document["adopted"]["variant"] is None:
         return None
     name = document["adopted"]["variant"]

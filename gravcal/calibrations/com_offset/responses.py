@@ -514,9 +514,7 @@ def _angle(time, known, angle):
 
 def rotated(angle: np.ndarray, vectors: np.ndarray) -> np.ndarray:
     """Turned vectors (n, 3); one that is written a second time stays what it was the first time."""
-    from scipy.spatial.transform import Rotation
-
-    turned = Rotation.from_rotvec(angle).apply(vectors)
+    turned = np.matvec(frames.R_bi_from_quaternion(frames.from_rotation_vector(-angle)), vectors)
     again = 1 + np.flatnonzero(np.all(vectors[1:] == vectors[:-1], axis=1))
     turned[again] = turned[again - 1]
     return turned

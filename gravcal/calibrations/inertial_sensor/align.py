@@ -2,10 +2,12 @@
 
 import math
 from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
 
 import numba
 import numpy as np
 import xarray as xr
+from scipy.ndimage import median_filter, uniform_filter1d
 
 from gravcal.calibrations import schemas
 from gravcal.calibrations.schemas import build
@@ -26,8 +28,6 @@ SENSOR_STEP = 0.1  # s
 
 def spikes(values: np.ndarray, half_width: int, limit: float) -> np.ndarray:
     """Samples (n, m) farther than a limit, in standard deviations, from the running median of so many neighbours."""
-    from scipy.ndimage import median_filter
-
     away = np.abs(values - median_filter(values, size=(2 * half_width + 1, 1), mode="nearest"))
     return away > limit * 1.4826 * np.maximum(np.median(away, axis=0), 1e-300)
 
@@ -198,8 +198,6 @@ def detect(
 
 def _motion(attitude):
     """Epochs, running rms of the angular acceleration and running mean rate of one day."""
-    from scipy.ndimage import uniform_filter1d
-
     time = attitude["time"]
     edges = STEP * np.arange(np.floor(time[0] / STEP), np.ceil(time[-1] / STEP) + 1)
     rate = rates(mean_attitude(time, attitude["quaternion"], edges), STEP)
@@ -295,8 +293,6 @@ def segment(
 
     The days are functions that read sensor, tracker and orbit of each, of which so many `workers` are held at a time.
     """
-    from concurrent.futures import ThreadPoolExecutor
-
     spans = np.stack([detected.roll_start.values, detected.roll_stop.values], axis=1)
     with ThreadPoolExecutor(workers) as pool:
         parts = list(pool.map(lambda day: reduced(*(read() for read in day), step_s), days))

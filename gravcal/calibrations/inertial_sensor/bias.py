@@ -5,6 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from scipy.ndimage import median_filter
+from scipy.signal import welch
 
 from gravcal.calibrations.inertial_sensor.align import SCHEMAS
 from gravcal.calibrations.schemas import build, replaced, widened, widened_sigmas
@@ -289,8 +291,6 @@ def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = 
     is added: runs of r values left out of N add wander^2 sum r^2 / N^2, neighbours being alike. Sigma is NaN for fewer
     than three values; missing are the lengths of the runs left out between them.
     """
-    from scipy.ndimage import median_filter
-
     if values.size < 3:
         return RobustMean(float(np.mean(values)) if values.size else np.nan, np.nan, np.nan)
     white = np.sqrt(np.mean(sigma**2))
@@ -348,8 +348,6 @@ def spectra(
     Median over the segments, over what the median of so many periodograms is of the mean: 0.69 to 1 in power. White
     noise keeps its density in means of bins: what their roll-off takes, aliasing gives back.
     """
-    from scipy.signal import welch
-
     parts, step = cut(bins["time"], limits.step_s, limits.segment_s), limits.step_s
     raw, left = [], []
     for part in (part for part, used in zip(parts, solved.used, strict=True) if used):

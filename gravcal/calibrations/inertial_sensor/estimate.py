@@ -212,9 +212,9 @@ def linear_factors(beta, beta_sigma, geometry: Mapping, k_y: tuple[float, float]
     -----
     k_x = beta_y J_y/(M l), k_z = beta_x J_x/(M l); errata T-4 to T-6.
     """
-    form = electrodes.published_linear_over_angular if printed else electrodes.linear_over_angular
     arms = [np.array([arm, *geometry["arm"][1:]]) for arm in ARMS_X]
-    ratio = [form(geometry["mass"], geometry["inertia"], arm) for arm in arms]
+    factor = 2 if printed else 1  # the printed 1/2 in beta makes k twice too large
+    ratio = [factor * electrodes.linear_over_angular(geometry["mass"], geometry["inertia"], arm) for arm in arms]
     mass, inertia, arm = (np.array(geometry[f"{n}_sigma"]) / geometry[n] for n in ("mass", "inertia", "arm"))
     relative = electrodes.ratio_relative_sigma(mass, inertia, arm)
     k = np.array([[one[1] * beta[1], k_y[0], one[0] * beta[0]] for one in ratio])

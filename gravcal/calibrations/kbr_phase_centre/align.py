@@ -2,6 +2,7 @@
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import make_interp_spline
 
 from gravcal.calibrations.align import QUATERNION, STATE, own_tags, sorted_samples, usable
 from gravcal.calibrations.kbr_phase_centre.model import SCHEMAS
@@ -123,8 +124,6 @@ def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray, gap_limit
 
     Between samples further apart than `gap_limit_s`, and outside, the result is NaN; time is strictly increasing.
     """
-    from scipy.interpolate import make_interp_spline
-
     result = np.full((at.size, values.shape[1]), np.nan)
     after = np.clip(np.searchsorted(time, at - 1e-7), 0, time.size - 1)
     same = np.abs(time[after] - at) < 1e-6

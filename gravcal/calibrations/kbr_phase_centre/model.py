@@ -8,7 +8,7 @@ import xarray as xr
 from gravcal.calibrations import schemas
 from gravcal.calibrations.schemas import build
 from gravcal.estimation import crn
-from gravcal.physics import frames, kinematics
+from gravcal.physics import frames
 from gravcal.physics.constants import DAY
 
 SCHEMAS = schemas.of("kbr_phase_centre.toml")
@@ -76,7 +76,7 @@ def pointing(
     values = dict(zip(names, np.array([astuple(one) for one in found]).reshape(-1, len(names)).T, strict=True))
     values |= {
         "time": time,
-        "range_com": kinematics.range_between(position[1] - position[0]),
+        "range_com": np.linalg.norm(position[1] - position[0], axis=1),
         "second_order": second_order(position, quaternion, np.asarray(nominal_m, dtype=float).reshape(2, 3)),
         "line_of_sight_b": line,
         "angle": angle,

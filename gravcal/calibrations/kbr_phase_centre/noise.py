@@ -12,6 +12,8 @@ from math import comb
 import numba
 import numpy as np
 import xarray as xr
+from scipy.linalg import cholesky, solve_triangular, solveh_banded
+from scipy.optimize import lsq_linear, nnls
 
 from gravcal.calibrations.kbr_phase_centre.model import SCHEMAS
 from gravcal.calibrations.schemas import build
@@ -159,8 +161,6 @@ def smoothed(values: np.ndarray, smoothed_hz: float) -> np.ndarray:
 
     Minimum of sum (y - z)^2 + w sum (D^4 z)^2; Whittaker, Proc. Edinburgh Math. Soc. 41 (1923); w by `smoothing_gain`.
     """
-    from scipy.linalg import solveh_banded
-
     good, weight = np.isfinite(values).all(axis=1), 1 / (9 * (2 * np.sin(np.pi * smoothed_hz)) ** 8)
     if good.sum() < 8:
         return values
@@ -227,8 +227,6 @@ def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.Sp
     The covariance of g(t) phi(t) is on average mean(g(t) g(t + tau)) C(tau); its density is fitted to the excess of the
     periodograms of `manoeuvre_residuals` over the noise of the range with weights 1/density.
     """
-    from scipy.optimize import nnls
-
     excess = np.zeros(CORNERS.size)
     if not pieces:
         return excess
@@ -332,8 +330,6 @@ class Stretch:
 
 def factor(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.ndarray:
     """Lower Cholesky factor (n, n) of `covariance_matrix`."""
-    from scipy.linalg import cholesky
-
     return cholesky(covariance_matrix(by_lag, place, lever), lower=True, overwrite_a=True, check_finite=False)
 
 
@@ -345,8 +341,6 @@ def factors(measured: xr.Dataset, stretches: list[Stretch]) -> list[np.ndarray]:
 
 def white(lower: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Columns (n, q) divided by the lower Cholesky factor (n, n) of their covariance."""
-    from scipy.linalg import solve_triangular
-
     return solve_triangular(lower, columns, lower=True, check_finite=False)
 
 
@@ -366,9 +360,6 @@ def with_restricted(
     knots of the spectrum differ from those of quiet data and C their covariance: score (y' P K P y - tr P K) / 2,
     information tr(P K P K') / 2; Patterson and Thompson, Biometrika 58 (1971).
     """
-    from scipy.linalg import solve_triangular
-    from scipy.optimize import lsq_linear
-
     if measured.attrs["source_data"] != "quiet" or not stretches:
         return measured
     step, quiet = float(measured.attrs["step_s"]), spectrum(measured)

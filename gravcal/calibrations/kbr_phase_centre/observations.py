@@ -221,17 +221,15 @@ class Ranging(Observations):
     def fitted(self) -> xr.Dataset:
         """Dataset "kbr_phase_centre.noise" with what the halves say of it beside all effects."""
         tried = self.filtered[:, : sum(len(one.names) for one in self.signals if one.prior)]
-        residuals = [(self.residual[half.rows], self._baseline(half), tried[half.rows]) for half in self.halves]
+        baselines = (np.column_stack([half.slow, self.column[half.rows]]) for half in self.halves)
+        parts = zip(self.halves, baselines, strict=True)
+        residuals = [(self.residual[half.rows], baseline, tried[half.rows]) for half, baseline in parts]
         return noise.with_restricted(self.measured, [half.stretch for half in self.halves], residuals)
 
     @functools.cached_property
     def factors(self) -> list[np.ndarray]:
         """Lower Cholesky factor (n, n) m of the noise of each half."""
         return noise.factors(self.fitted, [half.stretch for half in self.halves])
-
-    def _baseline(self, half):
-        """Columns of slow orbit error, biases and phase centres, not whitened."""
-        return np.column_stack([half.slow, self.column[half.rows]])
 
     @functools.cached_property
     def blocks(self) -> list[Block]:

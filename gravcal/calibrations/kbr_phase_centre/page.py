@@ -13,6 +13,7 @@ from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre.checks import of_result
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, SCHEMAS, SUBSETS, middle
 from gravcal.calibrations.schemas import build
+from gravcal.io.vcm import commented, vector_line, write_vector_file
 from gravcal.report import documents, plain
 from gravcal.report.figures import COLOURS, HANN, bars, grid, opened, thinned
 from gravcal.report.pages import Section, Table, figure, page
@@ -309,8 +310,6 @@ def vector_files(document, date) -> dict[str, str]:
     "VKB1B_date_letter_04.txt" and "result.soe", of what is determined in x, y and z; unless all data were measured no
     vector file and comments for lines.
     """
-    from gravcal.io.vcm import commented, vector_line, write_vector_file
-
     files, lines = {}, []
     if document["status"] not in documents.WITH_RESULT:
         return files
