@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 
 from gravcal import catalog
 from gravcal.effects import effect
-from gravcal.errors import CatalogError
+from gravcal.errors import CatalogError, EstimationError, GravcalError, ProductError
 
 
 @pytest.fixture
@@ -227,7 +227,11 @@ def test_the_files_of_an_event_follow_from_its_design():
 
 
 def test_records_survive_the_way_to_a_worker():
-    """Contract: events, satellites and parameters can be pickled."""
+    """Contract: events, satellites and parameters can be pickled; so can errors, with message and facts."""
+    for kind in (GravcalError, CatalogError, ProductError, EstimationError):
+        error = pickle.loads(pickle.dumps(kind("row 3: found 2 m, expected 1 m", row=3, found=2.0)))
+        assert (type(error), str(error)) == (kind, "row 3: found 2 m, expected 1 m")
+        assert error.facts == {"row": 3, "found": 2.0}
     for record in (catalog.event("grace-c-2020-02-01"), catalog.parameters("com_offset"), catalog.satellite("C")):
         again = pickle.loads(pickle.dumps(record))
         assert vars(again).keys() == vars(record).keys()

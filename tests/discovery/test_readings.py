@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import replace
-from types import SimpleNamespace
 
 import commands
 import numpy as np
@@ -12,7 +11,6 @@ from numpy.testing import assert_allclose
 from flows import com_offset, discover
 from gravcal import catalog
 from gravcal.calibrations.com_offset.observations import observe
-from gravcal.discovery import driver
 from gravcal.discovery.product import Shown, clearest, dataset, variables
 from gravcal.discovery.rounds import Choice, search
 from gravcal.estimation.noise import whiten
@@ -154,21 +152,3 @@ def test_attitude_and_field_give_their_readings(leaking):
     scale = np.nan_to_num(made["attitude"]["torque_scale"].values[index], nan=1.0)
     assert_allclose((model + rest)[good], left + (view.scale_attitude @ scale)[good], atol=1e-12)  # rad
     assert np.isnan(rest[~good]).all()
-
-
-def test_what_a_product_holds_of_interleaved_blocks_goes_back_to_them():
-    """Analytic: rows in the order of axis and time of each record, and back to stretches; blocks of one record each."""
-    rng, blocks = np.random.default_rng(2), []
-    for label in ("linear even", "linear odd", "roll 1"):
-        where = {"channel": np.repeat(label.split()[0], 40), "axis": rng.integers(0, 3, 40), "time": rng.random(40)}
-        blocks.append(Block(label, rng.random(40), np.zeros((40, 0)), np.zeros((40, 0)), **where))
-    for interleaved in (True, False):
-        groups = [[0, 1], [2]] if interleaved else [[0], [1], [2]]
-        rows = []
-        for members in groups:
-            time, axis, values = (
-                np.concatenate([getattr(blocks[k], n) for k in members]) for n in ("time", "axis", "observed")
-            )
-            rows.append(values[np.lexsort((time, axis))] if interleaved else values)
-        back = driver._parted(SimpleNamespace(blocks=blocks, interleaved=interleaved), np.concatenate(rows)[:, None])
-        assert_allclose(np.concatenate(back)[:, 0], np.concatenate([b.observed for b in blocks]))

@@ -14,7 +14,7 @@ from gravcal.physics import frames, gravity
 from gravcal.store import product
 from tasks.stage import read
 
-RNG_LEVEL = ALARM + 7 * 1e-4  # of all its draws, see seeds.py
+RNG_LEVEL = ALARM + 6 * 1e-4  # of all its draws, see seeds.py
 
 HALF_DAY = {"duration_s": "43200", "step_s": "5", "field_degree": "20"}
 #: Effects that half a day shows at ten times its errors or more, the field by far the most.
@@ -25,7 +25,6 @@ LISTED = {
     "gradient.field_scale, small": {"scale": 5e-6},
     "gradient.tesseral": {"cosine": 1e-4},
     "attitude.star_camera_misalignment": {"angle_z": 2e-3},
-    "torque.residual_dipole": {"y": 0.4},  # a torque with the field of the Earth, told from a gravity gradient
 }
 
 
@@ -65,7 +64,6 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, case):
     (found,) = whole["findings"]
     assert whole["p_before"] < 1e-4
     assert found["heldout_gain"]["chi2"] > 0
-    assert slug != "torque.residual_dipole" or not found["tied_with"]
     if found["cause"] == slug:
         for name, true in LISTED[case].items():
             parameter = found["parameters"][name]

@@ -61,16 +61,11 @@ def test_prediction_rows_solve_the_normal_equations_of_their_order():
     assert_allclose(rows[-1], AR, rtol=1e-9)
 
 
-def test_whitening_is_the_inverse_cholesky_factor_from_the_first_sample_on():
-    """Analytic: one run whitens to L^-1 x with L L^T the dense Toeplitz covariance, start included."""
-    count = 60
-    factor = linalg.cholesky(linalg.toeplitz(autocovariance(count)), lower=True)
-    found = whiten(true_model(), np.eye(count), np.ones(count, dtype=bool))
-    assert_allclose(found @ factor, np.eye(count), atol=1e-8)  # conditioning of the factor
-
-
 def test_every_run_of_valid_samples_is_whitened_by_itself():
-    """Analytic: after a gap whitening begins anew; rows that are not valid come back as zero, whatever they hold."""
+    """Analytic: from the first sample of a run on it is L^-1 x with L L^T the dense Toeplitz covariance.
+
+    Rows that are not valid come back as zero, whatever they hold.
+    """
     valid = np.ones(80, dtype=bool)
     valid[[0, 20, 21, 22, 50, 79]] = False
     dense = linalg.toeplitz(autocovariance(80))

@@ -98,20 +98,6 @@ def test_binary_equals_text_record_by_record(measured):
     assert pairs == 41
 
 
-@pytest.mark.parametrize("product", ["CLK1B", "MAS1B", "THR1B", "USO1B", "TIM1B", "SCA1B", "KBR1B"])
-def test_full_days_agree_in_binary_and_text(measured, product):
-    """Contract: 2014-01-15, full day, binary against text, compressed or not."""
-    folder = measured / "grace-2014-01-15"
-    files = [f for f in inventory(folder) if f.product == product and f.satellite in "AX"]
-    one, other = (read(f) for f in files)
-    assert one.sizes["record"] == other.sizes["record"] > 3
-    for name in one:
-        if one[name].dtype.kind == "f":
-            np.testing.assert_allclose(one[name], other[name], rtol=TIGHT, atol=0)
-        else:
-            assert_array_equal(one[name], other[name])
-
-
 def test_daily_archives_hold_what_the_loose_files_hold(measured):
     """Contract: members are read without extraction; AppleDouble members are no files."""
     files = inventory(measured / "gracefo-2023-06-01")

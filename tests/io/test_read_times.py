@@ -88,33 +88,6 @@ def test_accelerometer_at_whole_seconds_is_what_act1b_was_made_of(measured):
     assert_allclose(np.array(rms) * 1e11, [1.5, 1.0, 2.2], atol=0.1)
 
 
-def _between(folder):
-    """Orbits of A and B and the ranging of 2014-01-15 at their common epochs, and the segment of each epoch."""
-    a, b, kbr = (read(find(folder, p, s)) for p, s in (("GNV1B", "A"), ("GNV1B", "B"), ("KBR1B", "X")))
-    times, ia, ib = np.intersect1d(a.time_second, b.time_second, return_indices=True)
-    times, it, ik = np.intersect1d(times, kbr.time_second, return_indices=True)
-    kbr = kbr.isel(record=ik)
-    breaks = (kbr.qualflg.values & 1 > 0) | (np.diff(times, prepend=times[0]) > 60)
-    position, velocity = (
-        np.stack([a[f"{x}{kind}"].values[ia[it]] - b[f"{x}{kind}"].values[ib[it]] for x in "xyz"], axis=-1)
-        for kind in ("pos", "vel")
-    )
-    return position, velocity, kbr, np.cumsum(breaks)
-
-
-def test_range_and_range_rate_of_the_orbits_are_those_of_the_microwaves(measured):
-    """Published: std 4.1 mm, one bias per segment, and 7.3e-6 m s-1 (data/README.md), to the printed rounding."""
-    position, velocity, kbr, part = _between(measured / "grace-2014-01-15")
-    length = np.linalg.norm(position, axis=-1)
-    residual = length - (kbr.biased_range + kbr.lighttime_corr + kbr.ant_centr_corr).values
-    residual -= np.array([residual[part == p].mean() for p in part])
-    assert len(set(part)) == 2
-    assert_allclose(residual.std() * 1e3, 4.1, atol=0.051)
-    rate = (position * velocity).sum(axis=-1) / length
-    residual = rate - (kbr.range_rate + kbr.lighttime_rate + kbr.ant_centr_rate).values
-    assert_allclose(residual.std() * 1e6, 7.3, atol=0.051)
-
-
 def test_microwave_and_laser_range_rate_agree(measured):
     """Published: KBR minus LRI mean 1.7e-8, std 6.2e-8 m s-1 (data/README.md), to the printed rounding."""
     folder = measured / "gracefo-2023-06-01"

@@ -150,7 +150,7 @@ def places(value, path=()):
         yield from places(one, (*path, name))
 
 
-@settings(max_examples=40, deadline=None, suppress_health_check=slow)
+@settings(max_examples=20, deadline=None, suppress_health_check=slow)
 @given(data=st.data())
 def test_no_record_is_a_traceback_or_another_product(pipeline, store_folder, data):
     """Fuzz: any part replaced or removed, or any byte of the text, with and without the right checksum."""

@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from gravcal import catalog
-from gravcal.calibrations.com_offset.estimate import _joint, combine, noise, quiet, with_model_error
+from gravcal.calibrations.com_offset.estimate import combine, noise, quiet, with_model_error
 from gravcal.physics.sensing import offset_tensor
 from gravcal.simulation.sensors import table_density
 
@@ -186,16 +186,6 @@ def test_agreement_of_measured_variants_is_a_chi_square():
         found.append(stats.chi2.sf(float(combined["variants_chi2"]), int(combined["variants_dof"])))
     assert stats.kstest(found, "uniform").pvalue > 1e-4
     assert int(combined["variants_dof"]) == 3
-
-
-def test_both_parts_of_a_covariance_add_up_to_it():
-    """Analytic: noise and own modes of single manoeuvres are together the covariance of their combination."""
-    rng = seeds.generator("test_both_parts_of_a_covariance_add_up_to_it", 0)
-    A = rng.standard_normal((5, 20, 3)) * 1e5
-    information, own = np.swapaxes(A, 1, 2) @ A, 4e-6 * rng.standard_normal((5, 6, 3))
-    joint = _joint(own_modes(solved("sca", np.zeros((5, 3)), information, own)))
-    assert_allclose(joint["noise"] + joint["own"], joint["covariance"], rtol=1e-3)  # the loose prior is in neither
-    assert np.all(np.linalg.eigvalsh(joint["noise"] - np.linalg.inv(information.sum(axis=0))) > -1e-16)
 
 
 def test_an_error_of_the_catalogue_is_seen_by_its_own_test_alone():
