@@ -1,7 +1,8 @@
-"""Commands and flows in this process, on the files of a folder, and servers on loopback."""
+"""Commands and flows in this process, on the files of a folder; pages of docs; servers on loopback."""
 
 import contextlib
 import json
+import re
 import sys
 import threading
 from http.server import ThreadingHTTPServer
@@ -13,7 +14,14 @@ from typer.testing import CliRunner
 from flows import cli, discover, engine
 from flows.calibration import load
 from gravcal import catalog
+from gravcal.errors import GravcalError
 from gravcal.store.schemas import validate
+
+
+def blocks(page, *languages):
+    """Language and text of the fenced blocks of a page in some languages."""
+    found = re.findall(r"^```(\w+)\n(.*?)^```", page.read_text(), re.MULTILINE | re.DOTALL)
+    return [one for one in found if one[0] in languages]
 
 
 def gravcal(*arguments):
@@ -62,6 +70,20 @@ def run(calibration, folder, discovery=False, satellite=None, **settings):
     found = read(ref)
     validate(found, "discovery" if discovery else None)
     return found, ref
+
+
+def questionable(calibration, folder, **settings):
+    """True if the files of a folder are refused, or make a questionable document that says in words which check fails.
+
+    False where they are delivered.
+    """
+    try:
+        document, _ = run(calibration, folder, **settings)
+    except GravcalError:
+        return True
+    failed = [one["name"] for one in document["checks"] if not one["passed"]]
+    assert all(one in document["verdict"]["text"] for one in failed)
+    return document["status"] == "questionable"
 
 
 def simulated(calibration, folder, seed, effects=None, **settings):

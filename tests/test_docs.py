@@ -1,23 +1,17 @@
-"""The site of the documentation builds without a warning, needs no network, and what it says to type works."""
+"""The site of the documentation builds without a warning and needs no network."""
 
-import os
 import re
-import shlex
 import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from commands import gravcal
 
 from flows.calibration import known
 
 ROOT = Path(__file__).parent.parent
 DOCS = ROOT / "docs"
-BLOCK = re.compile(r"^```(bash|toml|python)\n(.*?)^```", re.MULTILINE | re.DOTALL)
-TYPED = ("first_steps", "adding_a_satellite", "adding_an_event", "adding_an_effect", "adding_a_calibration")
-ENDLESS = ("gravcal browse", "gravcal serve")  # they go on until they are ended
 LOADED = {"script": "src", "link": "href", "img": "src", "iframe": "src", "source": "src", "object": "data"}
 
 
@@ -65,38 +59,3 @@ def test_every_page_is_in_the_site_and_needs_no_network(site):
         assert not [address for address in seen.found if re.match(r"(https?:)?//", address)], page.name
     for style in site.rglob("*.css"):
         assert not re.findall(r"(?:url\(|@import)\s*['\"]?(?:https?:)?//", style.read_text()), style.name
-
-
-def perform(language, text, folder, exported):
-    """Do one block of a page in a folder, with what was exported before; commands of ours alone in this process."""
-    if language == "toml":
-        path = folder / re.match(r"# (\S+)", text).group(1)
-        path.parent.mkdir(parents=True, exist_ok=True)
-        path.write_text(text)
-        return
-    for line in [text] if language == "python" else filter(None, text.splitlines()):
-        if line.startswith("export "):
-            name, _, value = line.removeprefix("export ").partition("=")
-            exported[name] = str(folder / value)
-        elif line.startswith("gravcal ") and not line.startswith(ENDLESS):
-            with pytest.MonkeyPatch.context() as patch:
-                patch.chdir(folder)
-                for name, value in exported.items():
-                    patch.setenv(name, value)
-                assert gravcal(*shlex.split(line)[1:]) == 0, line
-        elif not line.startswith(ENDLESS):
-            command = (sys.executable, "-c", line) if language == "python" else ("bash", "-c", line)
-            known = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"} | exported
-            done = subprocess.run(command, cwd=folder, env=known, capture_output=True, text=True, check=False)
-            assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
-
-
-@pytest.mark.parametrize("page", TYPED)
-def test_what_a_page_says_works_in_an_empty_folder(page, tmp_path):
-    """Contract: every block of shell, TOML and Python of the page, in order, without a change."""
-    folder, exported = tmp_path / "empty", {}
-    folder.mkdir()
-    blocks = BLOCK.findall((DOCS / f"{page}.md").read_text())
-    assert blocks
-    for language, text in blocks:
-        perform(language, text, folder, exported)

@@ -1,7 +1,7 @@
 """Every command line of the README and of the pages of docs is typed, on simulated days or on measured ones.
 
 Placeholders are filled in (DIR, FOLDER, EVENT, FILE), archives come from a server on loopback, runs go without Prefect.
-What goes on until it is ended is ended. Pages that are typed as a whole are those of test_docs.py. The lines for
+What goes on until it is ended is ended. Some pages are typed as a whole, in an empty folder. The lines for
 a Prefect server of one's own are typed by tests/flows/test_serve.py.
 """
 
@@ -29,7 +29,6 @@ ROOT = Path(__file__).parent.parent
 MEASURED = ROOT.parent / "shared" / "data"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 TYPED_AS_A_PAGE = ("first_steps", "adding_a_satellite", "adding_an_event", "adding_an_effect", "adding_a_calibration")
-BLOCK = re.compile(r"^```bash\n(.*?)^```", re.MULTILINE | re.DOTALL)
 SHORT = {  # days that take less time than those that the pages speak of
     "com_offset": ("--set", "manoeuvres=pitch_high,roll_high"),
     "kbr_phase_centre": ("--set", "phase_step_s=1.0", "--set", "quiet_s=900"),
@@ -59,7 +58,7 @@ def lines():
     """Every command of the blocks of shell, with the page it stands on, each once."""
     found = {}
     for page in PAGES:
-        for text in BLOCK.findall(page.read_text()) if page.stem not in TYPED_AS_A_PAGE else ():
+        for _, text in commands.blocks(page, "bash") if page.stem not in TYPED_AS_A_PAGE else ():
             for line in text.splitlines():
                 words = shlex.split(line, comments=True)
                 if words:
@@ -274,3 +273,41 @@ def test_every_benchmark_that_a_page_names_is_there():
             words = ["1" if word in ("N", "S") else word for word in text.split()]
             found += bool(benchmarks.options_of(words).names)
     assert found > 20
+
+
+ENDLESS = ("gravcal browse", "gravcal serve")  # they go on until they are ended
+
+
+def perform(language, text, folder, exported):
+    """Do one block of a page in a folder, with what was exported before; commands of ours alone in this process."""
+    if language == "toml":
+        path = folder / re.match(r"# (\S+)", text).group(1)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text)
+        return
+    for line in [text] if language == "python" else filter(None, text.splitlines()):
+        if line.startswith("export "):
+            name, _, value = line.removeprefix("export ").partition("=")
+            exported[name] = str(folder / value)
+        elif line.startswith("gravcal ") and not line.startswith(ENDLESS):
+            with pytest.MonkeyPatch.context() as patch:
+                patch.chdir(folder)
+                for name, value in exported.items():
+                    patch.setenv(name, value)
+                gravcal(*shlex.split(line)[1:])
+        elif not line.startswith(ENDLESS):
+            command = (sys.executable, "-c", line) if language == "python" else ("bash", "-c", line)
+            known = os.environ | {"PATH": f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"} | exported
+            done = subprocess.run(command, cwd=folder, env=known, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, f"{line}\n{done.stdout}\n{done.stderr}"
+
+
+@pytest.mark.parametrize("page", TYPED_AS_A_PAGE)
+def test_what_a_page_says_works_in_an_empty_folder(page, tmp_path):
+    """Contract: every block of shell, TOML and Python of the page, in order, without a change."""
+    folder, exported = tmp_path / "empty", {}
+    folder.mkdir()
+    blocks = commands.blocks(ROOT / "docs" / f"{page}.md", "bash", "toml", "python")
+    assert blocks
+    for language, text in blocks:
+        perform(language, text, folder, exported)

@@ -7,19 +7,14 @@ import tomllib
 from pathlib import Path
 
 import pytest
+from commands import blocks
 
 from flows.calibration import known
 
 ROOT = Path(__file__).parent.parent
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
-BLOCK = re.compile(r"^```(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
 NUMBER = re.compile(r"[-+]?\d+\.\d+")
 TOLERANCE_UM = 0.6  # half a sigma of x; what moves more deserves another README
-
-
-def blocks(page, language):
-    """Fenced blocks of a page in one language."""
-    return [text for found, text in BLOCK.findall(page.read_text()) if found == language]
 
 
 def test_make_has_every_target_named():
@@ -84,16 +79,16 @@ def test_the_python_lines_print_what_the_readme_says(tmp_path, monkeypatch):
     readme = PAGES[0]
     said = io.StringIO()
     with contextlib.redirect_stdout(said):
-        exec(blocks(readme, "python")[0], {})
-    promised = [[float(n) for n in NUMBER.findall(line)] for line in blocks(readme, "text")[1].splitlines()]
+        exec(blocks(readme, "python")[0][1], {})
+    promised = [[float(n) for n in NUMBER.findall(line)] for line in blocks(readme, "text")[1][1].splitlines()]
     printed = [[float(n) for n in NUMBER.findall(line)] for line in said.getvalue().splitlines()]
     assert printed == [pytest.approx(row, abs=TOLERANCE_UM) for row in promised]  # um
     demo = {
-        line.split()[0]: [float(n) for n in NUMBER.findall(line)] for line in blocks(readme, "text")[0].splitlines()
+        line.split()[0]: [float(n) for n in NUMBER.findall(line)] for line in blocks(readme, "text")[0][1].splitlines()
     }
     assert [row[0] for row in printed] == pytest.approx(demo["sca"][0:6:2], abs=TOLERANCE_UM)  # um
     assert [row[2] for row in printed] == demo["truth"]
     with contextlib.redirect_stdout(io.StringIO()):
         for page in PAGES:
-            for snippet in blocks(page, "python")[page == readme :]:
+            for _, snippet in blocks(page, "python")[page == readme :]:
                 exec(snippet, {})
