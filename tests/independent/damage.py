@@ -26,13 +26,6 @@ def _field(path, row, column, change):
     _write(path, head, rows)
 
 
-def truncate_mid_line(path, fraction=0.5):
-    """Cut the file within a record."""
-    head, rows = _read(path)
-    row = max(1, int(len(rows) * fraction))
-    _write(path, head, [*rows[:row], rows[row][: len(rows[row]) * 2 // 3]])
-
-
 def drop_seconds(path, start, stop):
     """Remove the records whose first column lies in [start, stop): a gap."""
     head, rows = _read(path)
@@ -97,21 +90,9 @@ def unknown_flag(path, row=100, flag=b"01110010"):
     _field(path, row, column, lambda _: flag)
 
 
-def no_records(path):
-    """Leave the header only."""
-    _write(path, _read(path)[0], [])
-
-
 def missing(path):
     """Remove the file."""
     Path(path).unlink()
-
-
-def shift_day(path, days=1):
-    """Move the first column of every record by whole days: the wrong day under the right name."""
-    head, rows = _read(path)
-    moved = [r.split(maxsplit=1) for r in rows]
-    _write(path, head, [str(int(a) + 86400 * days).encode() + b" " + b for a, b in moved])
 
 
 def netcdf(path, names, change):

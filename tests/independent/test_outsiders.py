@@ -48,25 +48,6 @@ def test_light_time_is_that_of_the_real_file():
     assert_allclose(ranging.Pair.light_time(SimpleNamespace(orbit=states), kbr[:, 0]), kbr[:, 5], atol=2e-9)
 
 
-def test_the_tensor_is_the_second_derivative_and_has_no_trace():
-    """Analytic: central differences of the potential, at a place off all axes."""
-    place, matrix, h = np.array([[3.1e6, -4.2e6, 4.4e6]]), gradient.shape(gradient.FIELD), 300.0
-
-    def potential(x):
-        r = np.linalg.norm(x)
-        return gradient.earth.MU * (1 / r + gradient.earth.EQUATOR**2 * x @ matrix @ x / r**5)
-
-    steps = h * np.eye(3)
-    corners = [[1, 1], [1, -1], [-1, 1], [-1, -1]]
-    by_steps = [
-        [sum(a * b * potential(place[0] + a * u + b * v) for a, b in corners) / (4 * h**2) for u in steps]
-        for v in steps
-    ]
-    found = gradient.tensor(place, matrix)[0]
-    assert_allclose(found, by_steps, atol=2e-12)
-    assert abs(np.trace(found)) < 1e-20
-
-
 def test_both_phase_centres_come_back(tmp_path):
     """Recovery: exact orbits, so that light time and filter show in range minus orbit."""
     truth = ranging.make_campaign(tmp_path / "data", 1, orbit_error_m=0.0)

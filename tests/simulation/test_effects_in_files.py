@@ -1,10 +1,12 @@
-"""Simulated days: what each effect of com_offset and of ranging changes, what clocks look like, and the truth."""
+"""Simulated days: what each effect of com_offset and of ranging changes, and what is refused.
+
+Signs, clocks and edges are right where the truth comes back by estimators that the second simulator judges.
+"""
 
 import json
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
 from flows.calibration import known, load
 from gravcal import catalog
@@ -88,59 +90,6 @@ def test_the_same_seed_gives_the_same_columns_and_another_seed_another_truth(pla
     assert all(np.array_equal(v, flat(again[0])[n]) for n, v in flat(plain[0]).items())
     assert json.loads(json.dumps(plain[1])) == again[1]
     assert not np.allclose(plain[1]["offset_um"], other[1]["offset_um"])
-
-
-def test_an_injected_reading_is_the_contribution_in_the_file():
-    """Analytic: a leak of the current shows in the linear columns as leak times dipole, to one step of the reading."""
-    leak = {"z_from_x": 5e-9}
-    settings = {"noise_scale": 0.0, "control_current_ma": 0.0}
-    one, truth = event(**settings)
-    other, _ = event(effects={"accelerometer.current_leak": leak}, **settings)
-    difference = other["ACC1A"]["lin_accl_z"] - one["ACC1A"]["lin_accl_z"]
-    assert np.unique(np.round(np.abs(difference) / (27.5125 * 5e-9), 3)).tolist() == [0.0, 1.0]
-    assert_allclose(other["ACC1A"]["lin_accl_x"], one["ACC1A"]["lin_accl_x"], rtol=0, atol=0)
-    on = np.flatnonzero(difference)
-    length = truth["manoeuvres"][0]["stop"] - truth["manoeuvres"][0]["start"]
-    assert on.size == pytest.approx(length / 0.09999103654, abs=1.5)
-
-
-@pytest.mark.parametrize(
-    ("slug", "product", "column"),
-    [
-        ("timing.accelerometer_delay", "ACC1A", "ang_accl_y"),
-        ("timing.star_camera_delay", "SCA1B", "quatjcoeff"),
-        ("timing.magnetometer_delay", "MAG1B", "torque1A"),
-    ],
-)
-def test_a_late_tag_shows_the_past(slug, product, column):
-    """Analytic: with tags late by 1 s the record holds what stood 1 s earlier."""
-    settings = {"noise_scale": 0.0}
-    one, other = event(**settings)[0], event(effects={slug: {"delay": 1.0}}, **settings)[0]
-    shift = {"ACC1A": 10, "SCA1B": 1, "MAG1B": 2}[product]
-    before, after = np.abs(one[product][column]), np.abs(other[product][column])
-    shifted, straight = np.abs(after[shift:] - before[:-shift]), np.abs(after[shift:] - before[shift:])
-    assert shifted.mean() < 0.2 * straight.mean()  # ACC1A: an edge may fall between, samples are not 0.1 s apart
-
-
-def test_edges_fall_at_any_fraction_of_a_second():
-    """Contract: starts of 12 seeds spread over the second (expected largest gap far below one half)."""
-    fraction = np.sort([event(seed=s)[1]["manoeuvres"][0]["start"] % 1 for s in range(12)])
-    assert np.diff(np.append(fraction, fraction[0] + 1)).max() < 0.6
-
-
-def test_clock_files_undo_the_tags():
-    """Contract: TIM1B and CLK1B take on-board tags to GPS, the times at which the readings were made."""
-    columns, truth = event(noise_scale=0.0)
-    acc, clk, tim = columns["ACC1A"], columns["CLK1B"], columns["TIM1B"]
-    tag = acc["rcvtime_intg"] - truth["day"] + 1e-6 * acc["rcvtime_frac"]
-    offset_ns = (tim["rcvtime_intg"] - tim["obctime"]) * 1_000_000_000 + tim["rcvtime_frac"]
-    receiver = tag + 1e-9 * np.interp(tag, tim["obctime"] - truth["day"], offset_ns)
-    gps = receiver + np.interp(receiver, clk["rcv_time"] - truth["day"], clk["eps_time"])
-    signal = acc["ang_accl_y"]
-    first = np.flatnonzero(np.abs(np.diff(signal)) > 0.3 * np.ptp(signal))[0]
-    start = truth["manoeuvres"][0]["start"] - truth["day"]
-    assert gps[first] < start + 1e-6
-    assert gps[first + 1] > start - 1e-6
 
 
 def test_an_unknown_effect_or_parameter_is_refused():

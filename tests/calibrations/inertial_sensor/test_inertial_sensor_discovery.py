@@ -7,16 +7,11 @@ import pytest
 from commands import causes
 from seeds import ALARM, MISSED, clean, enough
 
-RNG_LEVEL = 2e-4 + 2 * ALARM + 6 * MISSED  # of all its draws, see seeds.py
+RNG_LEVEL = 1e-4 + 2 * ALARM + 5 * MISSED  # of all its draws, see seeds.py
 
 #: A time within the swing of the simulated day, and the begin of a roll without a swing the day before, s GPS.
 MIDDLE, BEGIN = 706111700.0, 706104000.0
-STEP, TONE, DRIFT, TURN = (
-    "accelerometer.bias_step",
-    "accelerometer.stray_tone",
-    "inertial_sensor.bias_drift",
-    "inertial_sensor.tracker_misalignment",
-)
+STEP, TONE, DRIFT = "accelerometer.bias_step", "accelerometer.stray_tone", "inertial_sensor.bias_drift"
 #: Seven segments; a drift is told from wander in the eleven of the catalogue.
 SHORT = {"roll_s": "17500"}
 #: In a swing at a signal-to-noise ratio of about 20, twice that of the study.
@@ -101,12 +96,6 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, manoeuvre, slug):
     enough(draw, rng, tmp_path)
 
 
-def test_a_record_without_swing_has_nothing_to_discover(rng, tmp_path):
-    """Contract: exit code 3, status no_manoeuvre."""
-    code, document, _ = discovered(tmp_path, int(rng.integers(1_000_000)), {}, manoeuvre="none")
-    assert (code, document["status"]) == (3, "no_manoeuvre")
-
-
 def step_in_a_swing(seed, folder):
     """A step of 60 and 40 nm s-2 moves the offset by several sigma; its model leaves it within four."""
     hidden = {"z": 6e-8, "y": 4e-8, "time": MIDDLE + 3.4}
@@ -118,16 +107,6 @@ def step_in_a_swing(seed, folder):
         found = calibrated(folder, *options)["com_to_test_mass_um"]
         error.append((np.array(found["value"]) - true) / found["sigma_total"])
     return np.linalg.norm(error[1]) < np.linalg.norm(error[0]) and np.abs(error[1]).max() < 4
-
-
-def turned_tracker(seed, folder):
-    """50 mrad about z; the factors with the model agree with the truth."""
-    _, document, truth = discovered(folder, seed, {TURN: {"angle_z": 0.05}})
-    if causes(document) != [TURN]:
-        return False
-    beta = calibrated(folder, *extended(folder))["beta"]
-    error = [(beta[a]["value"] - value) / beta[a]["sigma"] for a, value in zip("xyz", truth["beta"], strict=True)]
-    return np.abs(error).max() < 5 and not far(document["findings"][0], {"angle_z": 0.05})
 
 
 def step_in_a_roll(seed, folder):
@@ -161,7 +140,7 @@ def drift_beside_a_swing(seed, folder):
     return scatter[1] < scatter[0] / 4 and not far(document["findings"][0], hidden[DRIFT])
 
 
-@pytest.mark.parametrize("case", [step_in_a_swing, turned_tracker, step_in_a_roll, drift_beside_a_swing])
+@pytest.mark.parametrize("case", [step_in_a_swing, step_in_a_roll, drift_beside_a_swing])
 def test_a_model_takes_its_effect_out(rng, tmp_path, case):
     """Recovery: what was found alone brings the result back; see the cases."""
     enough(lambda seed, folder: None if case(seed, folder) else f"seed {seed}", rng, tmp_path)
