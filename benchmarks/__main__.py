@@ -13,11 +13,10 @@ from benchmarks.tables import summary  # noqa: E402
 #: Module and function of each study; run without being asked for by name: always, or not with --quick ("whole").
 NAMES = {
     "recovery": ("recovery", "recovery", "always"),
-    "adopted": ("recovery", "adopted", "always"),
     "readers": ("speed", "readers", "always"),
     "attitude": ("speed", "attitude", "always"),
     "field": ("speed", "field", "always"),
-    "day": ("day", "day", "always"),
+    "day": ("campaign", "day", "always"),
     "campaign": ("campaign", "campaign", "always"),
     "browse": ("browse", "browse", "always"),
     "kbr_phase_centre": ("kbr_phase_centre", "recovery", "whole"),
@@ -59,7 +58,6 @@ def options_of(words: list[str] | None = None) -> argparse.Namespace:
         help="of the cases: clean, listed, unlisted, or clean with changing, tailed or bumped noise",
     )
     parser.add_argument("--data", type=Path, metavar="DIR", help="measured days, files of the long roll")
-    parser.add_argument("--folder", metavar="DIR", help="of cases without truth")
     parser.add_argument("--out", metavar="PATH", help="for lines of cases, documents of a folder, figures")
     parser.add_argument("--first", type=int, default=0, help="number of the first case of the fuzzing, or mutant")
     parser.add_argument("--workers", type=int, default=2, help="processes that run cases")
@@ -69,7 +67,7 @@ def options_of(words: list[str] | None = None) -> argparse.Namespace:
     options.rounds = 2 if options.quick else 7
     options.settings = dict(text.split("=", 1) for text in options.set)
     if options.names[:1] == ["folder"]:
-        options.folder, options.names = options.folder or options.names[-1], ["folder"]
+        options.folder, options.names = options.names[-1], ["folder"]
     unknown = [name for name in options.names if name not in NAMES]
     if unknown:
         parser.error(f"no benchmark {', '.join(unknown)}; there is {', '.join(NAMES)}")

@@ -6,13 +6,12 @@ import time
 import numpy as np
 import xarray as xr
 
-from benchmarks.tables import Figure, cases, grid, interval, numbers, rms, say, show, title
+from benchmarks.tables import Figure, cases, grid, interval, numbers, of_tests, rms, say, show, title
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import estimate, model
 from gravcal.io import icgem
 from gravcal.io.daily import LAYOUTS
 from gravcal.physics import gravity
-from gravcal.physics.constants import EARTH_RADIUS, GM
 from gravcal.simulation import gradient_torque as simulation
 
 EPOCHS, ROUNDS = 17280, 5
@@ -29,7 +28,7 @@ def gradient_speed(_options) -> list[Figure]:
     position, figures = orbit_points(), []
     for degree in (60, 200):
         title(f"gradient: degree {degree}, {EPOCHS} epochs, one thread, least processor time")
-        field = field_of(degree)
+        field = of_tests("physics.physics_references").random_field(degree)
         own = gravity.gradient_e(field, position)
         base = seconds(lambda f=field: gravity.gradient_e(f, position))
         tables, rounds = gravity._prepared(field, gravity.PAIRS), ROUNDS if degree < 100 else 2
@@ -46,16 +45,6 @@ def gradient_speed(_options) -> list[Figure]:
         ]
         figures += show(rows, "median")
     return figures
-
-
-def field_of(degree, seed=0):
-    """Kaula's rule with the Earth's lowest degrees."""
-    rng = np.random.default_rng(seed)
-    n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
-    rule = np.where((m <= n) & (n >= 2), 1e-5 / np.maximum(n, 1) ** 2, 0.0)
-    cosine, sine = rule * rng.standard_normal(rule.shape), rule * rng.standard_normal(rule.shape) * (m > 0)
-    cosine[0, 0], cosine[2, 0] = 1.0, icgem.read_field(icgem.shipped(), 2).cosine[2, 0]
-    return gravity.Field(GM, EARTH_RADIUS, cosine, sine)
 
 
 def orbit_points(count=EPOCHS, step=5.0):

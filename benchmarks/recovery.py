@@ -14,16 +14,13 @@ from benchmarks.tables import (
     bias_figure,
     cases,
     grid,
-    numbers,
     of_tests,
-    rms,
     rms_figure,
     say,
     show,
     title,
 )
 from gravcal import catalog
-from gravcal.calibrations.com_offset.estimate import adopted as adopted_variant
 from gravcal.estimation.least_squares import without
 from gravcal.physics import sensing
 from gravcal.simulation import com_offset as simulation
@@ -53,9 +50,9 @@ def simulated(seed: int, effects: dict, **settings) -> tuple:
     return {name: chain.ingested(name, columns[name]) for name in chain.ORDER}, truth, motion, chosen
 
 
-def errors(combined, truth, kind="covariance"):
+def errors(combined, truth):
     """Errors and sigmas (4, 3) m of all variants."""
-    sigma = np.sqrt(np.diagonal(combined[kind].values, axis1=1, axis2=2))
+    sigma = np.sqrt(np.diagonal(combined["covariance"].values, axis1=1, axis2=2))
     return combined["offset"].values - 1e-6 * np.asarray(truth["offset_um"]), sigma
 
 
@@ -101,31 +98,6 @@ def one(seed: int) -> dict:
         "delay": np.array(late),
         "residual": np.array([np.nansum(combined[f"manoeuvre_{n}"].values, axis=1) for n in ("chi2", "dof")]),
     }
-
-
-def adopted(options) -> list[Figure]:
-    """What is handed on, where inertia and dipole per current are drawn from their priors: error and total error."""
-    count = options.runs or (12 if options.quick else 40)
-    seeds = range(options.seed, options.seed + count)
-    title(f"adopted: com_offset, {count} simulated events with divisors drawn, seeds {seeds[0]} to {seeds[-1]}")
-    found = zip(*cases(one_adopted, seeds, options.workers), strict=True)
-    names, error, total = (np.array(part) for part in found)
-    rows = [("um", "rms error x, y, z", "mean total error", "adopted")]
-    for k, name in enumerate(VARIANTS):
-        means = numbers(1e6 * rms(error[:, k]), "6.2f"), numbers(1e6 * total[:, k].mean(axis=0), "6.2f")
-        rows.append((name, *means, str(np.sum(names == k))))
-    grid(rows)
-    say()
-    ratio = error[np.arange(count), names] / total[np.arange(count), names]
-    return show([rms_figure(f"error/total {a}, rms", ratio[:, i], 3) for i, a in enumerate("xyz")], "std. error")
-
-
-def one_adopted(seed: int) -> tuple:
-    """Adopted variant of an event, errors (4, 3) m and total errors (4, 3) m of all."""
-    observed, truth, _, chosen = simulated(seed, {}, divisor_scatter=1.0)
-    combined = chain.chain(observed, igrf_generation=chosen.igrf_generation)["combine"]
-    error, total = errors(combined, truth, "covariance_total")
-    return combined.attrs["variants"].split().index(adopted_variant(combined)), error, total
 
 
 def bound(truth: dict, motion: list, chosen, drift_degree: int) -> np.ndarray:

@@ -6,7 +6,7 @@ import numpy as np
 from scipy.integrate import solve_ivp
 
 from gravcal.physics import dynamics, gravity, magnetic
-from gravcal.physics.constants import GM
+from gravcal.physics.constants import EARTH_RADIUS, GM, J2
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data"
 
@@ -15,6 +15,16 @@ def level1(name, columns, folder="gracefo-2023-06-01"):
     """Columns of a measured GRACE-FO RL04 ASCII file."""
     text = (MEASURED / folder / name).read_text().split("# End of YAML header\n")[1]
     return np.array([[float(row.split()[c]) for c in columns] for row in text.splitlines()])
+
+
+def random_field(degree, seed=0):
+    """Gravity field by Kaula's rule, with the flattening of the Earth."""
+    rng = np.random.default_rng(seed)
+    n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
+    size = np.where((m <= n) & (n >= 2), 1e-5 / np.maximum(n, 1) ** 2, 0.0)
+    cosine, sine = size * rng.standard_normal(size.shape), size * rng.standard_normal(size.shape)
+    cosine[0, 0], cosine[2, 0], sine[:, 0] = 1.0, -J2 / np.sqrt(5), 0.0
+    return gravity.Field(GM, EARTH_RADIUS, cosine, sine)
 
 
 def manoeuvre(start=0.0, phase=1.3, duration=180.0, height=6.87e6, half_period=6.0):

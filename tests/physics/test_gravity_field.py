@@ -3,6 +3,7 @@
 from decimal import Decimal, getcontext
 
 import numpy as np
+import physics_references
 import pytest
 from numpy.testing import assert_allclose
 
@@ -19,16 +20,6 @@ PLACES = {
     "equator": [6.87e6, 0.0, 0.0],
     "Potsdam at 490 km": [4.17e6, 0.97e6, 5.37e6],
 }
-
-
-def random_field(degree, seed=0):
-    """Kaula's rule."""
-    rng = np.random.default_rng(seed)
-    n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
-    size = np.where((m <= n) & (n >= 2), 1e-5 / np.maximum(n, 1) ** 2, 0.0)
-    cosine, sine = size * rng.standard_normal(size.shape), size * rng.standard_normal(size.shape)
-    cosine[0, 0], cosine[2, 0], sine[:, 0] = 1.0, -J2 / np.sqrt(5), 0.0
-    return gravity.Field(GM, R, cosine, sine)
 
 
 @pytest.mark.parametrize("place", PLACES)
@@ -73,7 +64,7 @@ def decimal_potential(field, position):
 def test_every_derivative_agrees_with_differences_in_fifty_digits(place):
     """Analytic: degree 30, all orders; differences over 1 mm in decimal arithmetic are exact to 1e-19 relative."""
     getcontext().prec = 50
-    field, h = random_field(30), Decimal("0.001")
+    field, h = physics_references.random_field(30), Decimal("0.001")
     origin = [Decimal(v) for v in PLACES[place]]
 
     def at(*moves):
@@ -103,14 +94,14 @@ def test_the_trace_vanishes_though_every_element_has_its_own_series(degree):
     position = rng.standard_normal((300, 3))
     position *= 6.8e6 / np.linalg.norm(position, axis=1)[:, None]
     position = np.concatenate([position, list(PLACES.values())])
-    gradient = gravity.gradient_e(random_field(max(degree, 2)), position)
+    gradient = gravity.gradient_e(physics_references.random_field(max(degree, 2)), position)
     assert np.abs(np.trace(gradient, axis1=1, axis2=2)).max() < 3e-20
     assert_allclose(gradient, np.swapaxes(gradient, 1, 2))
 
 
 def test_the_highest_degree_stays_finite_at_the_pole():
     """Analytic: at LIMIT the recursion must not overflow; at the pole only orders up to 2 contribute."""
-    field = random_field(gravity.LIMIT)
+    field = physics_references.random_field(gravity.LIMIT)
     position = np.array([0.0, 0.0, 6.87e6])
     low = gravity.Field(GM, R, field.cosine * (np.arange(601) < 3), field.sine * (np.arange(601) < 3))
     found = gravity.gradient_e(field, position)
@@ -120,7 +111,7 @@ def test_the_highest_degree_stays_finite_at_the_pole():
 
 def test_parts_by_degree_add_up_and_degree_one_is_empty():
     """Analytic: the sum is linear; the origin is the centre of mass, so degree 1 gives nothing (erratum S-9)."""
-    field, position = random_field(20), np.array(PLACES["Potsdam at 490 km"])
+    field, position = physics_references.random_field(20), np.array(PLACES["Potsdam at 490 km"])
     parts = [gravity.gradient_e(gravity.truncated(field, n, n), position) for n in range(21)]
     assert_allclose(sum(parts), gravity.gradient_e(field, position), rtol=0, atol=1e-20)
     assert np.all(parts[1] == 0)
@@ -165,7 +156,7 @@ def test_the_pole_can_be_tilted():
 def test_positions_in_kilometres_and_too_high_a_degree_are_refused():
     """Contract: the most likely mistake is named; beyond LIMIT the recursion would overflow."""
     with pytest.raises(GravcalError, match="positions in metres"):
-        gravity.gradient_e(random_field(3), [6870.0, 0, 0])
+        gravity.gradient_e(physics_references.random_field(3), [6870.0, 0, 0])
     with pytest.raises(GravcalError, match="metres"):
         gravity.gradient_i([7000.0, 0, 0])
     zeros = np.zeros((gravity.LIMIT + 2, gravity.LIMIT + 2))
