@@ -351,21 +351,6 @@ def test_a_login_page_of_earthdata_is_followed_and_its_cookie_kept(server, other
     assert {login for _, login in server.archives_asked()} == {None}
 
 
-def test_the_command_fetches_and_says_what(server, tmp_path):
-    """Contract: gravcal fetch with a day; wrong usage is exit code 2."""
-    import typer
-
-    server.put(fetch.Archive("gracefo", "1A", DAY, "04"), IMAGE)
-    app = typer.Typer()
-    app.command()(cli.fetch)
-    day = ["--satellite", "C", "--date", "2020-02-01", "--out", str(tmp_path), "--from", server.url]
-    done = CliRunner().invoke(app, day)
-    assert done.exit_code == 0, done.output
-    assert done.output.count("fetched") == 2
-    assert CliRunner().invoke(app, ["--out", str(tmp_path)]).exit_code == 2
-    assert CliRunner().invoke(app, ["grace-c-2020-02-01", *day]).exit_code == 2
-
-
 def test_a_host_that_does_not_answer_is_said_at_once(tmp_path, monkeypatch):
     """Contract: a line before the first question and after every attempt; none waits ten seconds to connect."""
     pauses = []
@@ -385,7 +370,9 @@ def test_a_host_that_does_not_answer_is_said_at_once(tmp_path, monkeypatch):
 
 
 def test_other_parts_have_their_places_and_are_checked(server, tmp_path):
-    """Contract: each layout says where it was read; a dry run asks nobody; wrong bytes are seen."""
+    """Contract: each layout says where it was read; a dry run asks nobody; wrong bytes are seen; wrong usage is 2."""
+    for wrong in (["--out", str(tmp_path)], ["grace-c-2020-02-01", "--satellite", "C", "--date", "2020-02-01"]):
+        assert CliRunner().invoke(cli.app, ["fetch", *wrong]).exit_code == 2
     arguments = ["fetch", "--satellite", "CD", "--date", "2024-01-03", "--out", str(tmp_path), "--from", "isdc"]
     done = CliRunner().invoke(cli.app, [*arguments, "--part", "noLRI,LRI,ACX2,MAG,SOE", "--dry-run"])
     assert done.exit_code == 0, done.output

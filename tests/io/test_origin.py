@@ -13,7 +13,6 @@ from flows import engine
 from gravcal import catalog
 from gravcal.errors import CatalogError, ProductError
 from gravcal.io import archive, daily, readers, writers
-from gravcal.store import product
 from tasks.stage import read
 
 RECORDS = {"time_second": 634219200 + np.arange(3), "time_fraction": np.zeros(3)}
@@ -97,17 +96,6 @@ def test_binary_and_netcdf_files_say_it(tmp_path):
         assert found == ("measured" if name == "title" else "simulated")
     (tmp_path / "field.gfc").write_text("product_type gravity_field\n")
     assert archive.origin_of(daily.other_file(tmp_path / "field.gfc", "GFC", "2020-02-01")) == ""
-
-
-def test_a_stage_cannot_make_measured_of_simulated():
-    """Contract: what a stage says itself wins only upwards; of several inputs, what they are together."""
-    for own in ("measured", "simulated", ""):
-        assert product.raised_origin("simulated", own) == "simulated"
-        assert product.raised_origin("measured", own) == (own or "measured")
-        assert product.raised_origin("mixed", own) == "mixed"
-    assert product.origins_together(["simulated", "", "simulated"]) == "simulated"
-    assert product.origins_together(["simulated", "measured"]) == "mixed"
-    assert product.origins_together(["mixed", "measured"]) == "mixed"
 
 
 def test_products_pass_it_on(pipeline):
