@@ -361,7 +361,10 @@ def failing(day):
     new = {"sigma": sigma, "unit": {"x": "um", "y": "um"}, "separated": [pair]}
     proposal |= {"design": new, "published": {"sigma": {"x": 2.25, "y": None}, "separated": [pair | {"odds": 0.31}]}}
     proposal |= {"verified": {"flights": 12, "sigma": [1.49, 0.45], "error_rms": [1.56, None]}}
-    location.write_json(location.folder() / "designs" / "com_offset-C-2026-03-01.json", proposal)
+    designs = location.folder() / "designs"
+    location.write_json(designs / "com_offset-C-2026-03-01.json", proposal | {"noise": {"of": "the catalogue"}})
+    del proposal["verified"]  # as without --verify, or of before
+    location.write_json(designs / "com_offset-C-2026-02-01.json", proposal)
     return event
 
 
