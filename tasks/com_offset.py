@@ -45,7 +45,7 @@ def survey(aligned, checked):
     return modelling.survey(aligned, checked)
 
 
-@stage(reads=[ALIGNED, "com_offset.field", SMOOTHED, "ingest"], writes="com_offset.checks", version=1)
+@stage(reads=[ALIGNED, "com_offset.field", SMOOTHED, "ingest"], writes="com_offset.checks", version=2)
 def checks(aligned, checked, smoothed, *others, **limits):
     """Records against each other."""
     return checking.inputs(aligned, checked, smoothed, *others, **limits)

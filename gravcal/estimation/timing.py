@@ -1,4 +1,4 @@
-"""Time tags: from the on-board clock to GPS time, their order and their gaps.
+"""Time tags: from the on-board clock to GPS time, their order, their gaps, and those that are far off.
 
 A tag is whole seconds and a fraction, since one double holds the sum to 0.1 us only.
 """
@@ -162,3 +162,27 @@ def ordered(tags: Tags, values=()) -> Ordering:
         "conflicting": int(differs.sum()),
     }
     return Ordering(order[~repeats], conflicting[~repeats], order[repeats], counts)
+
+
+#: Times what any lag further away than `near` gains, from which on a lag stands out: of noise the largest of a thousand
+#: is a tenth above the next.
+CLEARLY = 2.0
+
+
+def lag(read, foretold, longest: int, near: int, weight=1.0, *, either: bool = False) -> int:
+    """Steps by which series lag behind what makes them, the lag of largest gain in chi-square; 0 where none stands out.
+
+    Parameters
+    ----------
+    read, foretold : (n + 1, k) spectra of series on one even grid of n steps, of n zeros behind them
+    longest, near : steps, largest lag, and as far from the best as lags are not independent of it
+    weight : (n + 1, k) of each frequency
+    either : True if a series may follow with either sign
+    """
+    by_lag = np.fft.irfft(read * foretold.conj() * weight, axis=0)
+    by_lag = by_lag if either else np.maximum(by_lag, 0.0)
+    power = np.sum(np.abs(foretold) ** 2 * weight, axis=0)
+    gain = (by_lag**2 / np.maximum(power, 1e-300)).sum(axis=1)
+    tried = np.arange(-longest, longest + 1)
+    best = int(tried[np.argmax(gain[tried])])
+    return best if gain[best] > CLEARLY * np.max(gain[tried[np.abs(tried - best) > near]], initial=0.0) else 0

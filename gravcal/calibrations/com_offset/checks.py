@@ -7,6 +7,7 @@ from gravcal.calibrations import checks as checking
 from gravcal.calibrations.align import between, orbit_i
 from gravcal.calibrations.checks import at_least, at_most, largest
 from gravcal.calibrations.com_offset.align import OUTLIER, REACH
+from gravcal.estimation import timing
 from gravcal.physics import frames, gravity
 from gravcal.physics.constants import EARTH_RADIUS
 
@@ -16,6 +17,9 @@ SHARE = 0.9
 STEP_LIMIT_S = 30.0
 #: Channels that never read the same for long.
 CHANNELS = {"acc": ("linear_b", "angular_b"), "sca": ("quaternion",), "mag": ("field_measured_b",)}
+#: Of tags that are far off: longest lag, length of a manoeuvre, within which lags look alike, and least lag, s; band of
+#: the waves, Hz.
+APART_S, NEAR_S, LATE_S, BAND_HZ = 600, 180, 10, (1 / 30, 1 / 6)
 
 
 def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *others: xr.Dataset, **limits) -> xr.Dataset:
@@ -50,7 +54,7 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
         at_most("magnetometer against IGRF", _misfit(*field, piece), limits["field_limit_nt"], "nT"),
         at_most("isolated outliers, share", max(outliers), limits["outlier_limit"], "1"),
         at_most("unchanged readings", _unchanged(aligned), limits["unchanged_limit_s"], "s"),
-        *_motion(smoothed, limits),
+        *_motion(smoothed, late(aligned), limits),
     ]
     return checking.product([one for one in found if not np.isnan(one.value)])
 
@@ -128,7 +132,48 @@ def _apart_by_axis(known, limit):
     return np.where(total > (4 / limit) ** 2, np.abs(np.sum(weight * off, axis=0)) / total, np.nan)
 
 
-def _motion(smoothed, limits):
+def turning(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """Epochs (n,) s, a second apart, and angular accelerations (n, 3) there, NaN where there is none.
+
+    Of the torquers ("mag", about each axis in a unit of its own), accelerometer and star camera (rad s-2).
+    """
+    first = np.floor(aligned["window_start"].values.min())
+    count, made = int(aligned["window_stop"].values.max() - first) + 2, {}
+    turned, time = aligned["quaternion"].values, aligned["time_sca"].values
+    steps = frames.rotation_vector(frames.quaternion_product(frames.conjugate(turned[:-1]), turned[1:]))
+    camera, step = np.full((time.size, 3), np.nan), np.diff(time)
+    if time.size > 2:
+        even = (step[1:] < 1.5 * np.median(step)) & (step[:-1] < 1.5 * np.median(step))
+        camera[1:-1][even] = (np.diff(steps, axis=0) / (step[1:] * step[:-1])[:, None])[even]
+    torque = np.cross(aligned["current_b"].values, aligned["field_measured_b"].values)
+    for name, values in (("mag", torque), ("acc", aligned["angular_b"].values), ("sca", camera)):
+        place = np.floor(aligned[f"time_{name}"].values - first + 0.5).astype(int)
+        good = (aligned[f"{name}_flag"].values == 0) & np.isfinite(values).all(axis=1) & (place >= 0) & (place < count)
+        sums = np.stack([np.bincount(place[good], column, count) for column in values[good].T], axis=1)
+        number = np.bincount(place[good], minlength=count)[:, None]
+        made[name] = np.divide(sums, number, out=np.full_like(sums, np.nan), where=number > 0)
+    return first + np.arange(count), made
+
+
+def late(aligned: xr.Dataset) -> dict[str, int]:
+    """Whole seconds by which tags of accelerometer and star camera ("acc", "sca") are late against the torquers.
+
+    Only those that are far off, by more than `LATE_S`.
+    """
+    time, made = turning(aligned)
+    known = {name: one for name, one in made.items() if np.isfinite(one).any()}
+    if "mag" not in known:
+        return {}
+    about = {name: np.nan_to_num(one - np.nanmean(one, axis=0)) for name, one in known.items()}
+    spectra = {name: np.fft.rfft(one, 2 * time.size, axis=0) for name, one in about.items()}
+    frequency = np.fft.rfftfreq(2 * time.size, 1.0)
+    weight = ((frequency > BAND_HZ[0]) & (frequency < BAND_HZ[1]))[:, None]
+    most = min(APART_S, time.size - 1)
+    found = {name: timing.lag(spectra[name], spectra["mag"], most, NEAR_S, weight) for name in known if name != "mag"}
+    return {name: lag for name, lag in found.items() if abs(lag) > LATE_S}
+
+
+def _motion(smoothed, far, limits):
     """Star camera and angular accelerometer against the motion that the torquers make."""
     known = {name: smoothed[name].values for name in smoothed.variables}
     limit, found = limits["scale_limit"], []
@@ -141,6 +186,6 @@ def _motion(smoothed, limits):
     rms = 1e6 * largest(known["residual_rms"])
     found.append(at_most("star camera against dynamics, rms", rms, limits["attitude_limit_urad"], "urad"))
     for name, said in (("acc", "accelerometer"), ("sca", "star camera")):
-        late = largest(np.abs(known[f"{name}_delay"]))
-        found.append(at_most(f"delay of the {said}", late, limits["delay_limit_s"], "s"))
+        size = max(largest(np.abs(known[f"{name}_delay"])), abs(far.get(name, 0)))
+        found.append(at_most(f"delay of the {said}", size, limits["delay_limit_s"], "s"))
     return found

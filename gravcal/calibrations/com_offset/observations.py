@@ -8,26 +8,39 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
+from scipy.linalg import block_diag
 
-from gravcal.calibrations.com_offset import lag, manoeuvre, responses
+from gravcal.calibrations.causes import listed
+from gravcal.calibrations.com_offset import checks, lag, manoeuvre, responses
 from gravcal.calibrations.com_offset.estimate import QUIET_S, adopted
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
 from gravcal.effects import effect
 from gravcal.errors import ProductError
+from gravcal.estimation.least_squares import polynomial, without
+from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, Reported
 from gravcal.physics.orbit_environment import sun_i
 
+#: Of tags that are minutes off: channel and cause of each instrument, error s, and what says that they were moved.
+FAR = {"acc": ("angular", "timing.accelerometer_delay"), "sca": ("attitude", "timing.star_camera_delay")}
+WHOLE_S, MOVED = 0.5, "tags_moved"
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
 
 
-def observe(products: Mapping[str, xr.Dataset], **settings) -> ComOffset | None:
-    """Observations of an event from "align", "field", "attitude" and "solve" with variant mtq, None without manoeuvre.
+def observe(products: Mapping[str, xr.Dataset], **settings) -> ComOffset | Late | None:
+    """Observations of an event from "align", "field", "attitude" and "solve" with variant mtq.
+
+    None without manoeuvre and in records whose tags a model has moved by minutes.
 
     Settings are those of the stages attitude, noise and solve, with inertia, dipole_per_current and mass; for the
     blocks also linear_drift_degree and angular_drift_degree, and for `common` drag_sigma_m_s2 and period_s.
     """
-    if not products["align"].sizes["manoeuvre"]:
+    aligned = products["align"]
+    if not aligned.sizes["manoeuvre"] or MOVED in aligned.attrs:
         return None
+    late = checks.late(aligned)
+    if late:  # nothing else is looked for beside what is not there
+        return Late(aligned, late, settings["noise_order"])
     records = products["align"], products["field"], products["attitude"]
     offset, noise = manoeuvre.offset_of(products["solve"]), {}
     views = manoeuvre.manoeuvres(*records, offset, noise, settings)
@@ -172,6 +185,101 @@ class ComOffset(Observations):
         parameters |= {name: Parameter(value, sigma, unit) for name, value, sigma, unit in rows}
         leads = () if shape.chosen is None else lag.leads(self.views, shape.chosen)
         return replace(entry, parameters=parameters, leads=leads)
+
+
+@dataclass(frozen=True)
+class Late(Observations):
+    """Angular accelerations of records whose tags are minutes off, against that of the torquers."""
+
+    aligned: xr.Dataset  #: "com_offset.align"
+    late: dict[str, int]  #: s, of `checks.late`
+    order: int  #: coefficients of the noise
+
+    name = "com_offset"
+    parameters, unit = ComOffset.parameters, ComOffset.unit  # of the result, of which these rows know nothing
+    scale, start = ComOffset.scale, np.zeros(3)
+    step = responses.STEP
+    whole_manoeuvres = True
+    excess = False  # currents known twice a second foretell no edge to the noise of an accelerometer
+    readable = ("none",)
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Instruments whose tags are off."""
+        return tuple(FAR[name][0] for name in self.late)
+
+    @functools.cached_property
+    def rows(self) -> list[list[np.ndarray]]:
+        """Whitened rows (n, 13) of each instrument and axis in each manoeuvre.
+
+        The reading less what the torquers do at its tags; what each second of lag adds; torques about all three axes
+        within a second of the time that the lag says, mean and drift, whose sizes are free.
+        """
+        _, made = checks.turning(self.aligned)
+        made = {name: one - np.nanmean(one, axis=0) for name, one in made.items()}
+        found = [[] for _ in self.places]
+        for name, late in self.late.items():
+            then = np.roll(made["mag"], late, axis=0)
+            near = np.concatenate([np.roll(then, step, axis=0) for step in (-1, 0, 1)], axis=1)
+            for axis in range(3):
+                read, now = made[name][:, axis], made["mag"][:, axis]
+                good = np.isfinite(np.column_stack([read, now, near])).all(axis=1)
+                size = then[good, axis] @ read[good] / max(then[good, axis] @ then[good, axis], 1e-300)
+                whole = np.column_stack([read - size * now, size * (then[:, axis] - now) / late, near])
+                each = [np.column_stack([whole[p], polynomial(p, 1, p[0], p[-1])]) for p in self.places]
+                left = [np.full(p.size, np.nan) for p in self.places]
+                for one, rest, place in zip(each, left, self.places, strict=True):
+                    rest[good[place]] = without(one[good[place], 2:], one[good[place], 0] - late * one[good[place], 1])
+                noise = fit_noise(left, self.order, 1.0, 11 * len(left))
+                for mine, one, place in zip(found, each, self.places, strict=True):
+                    mine.append(whiten(noise, np.nan_to_num(one), good[place]))
+        return found
+
+    @property
+    def places(self) -> list[np.ndarray]:
+        """Seconds (n,) of each manoeuvre and of where the late tags have it, from the first window on."""
+        first, far = self.aligned["window_start"].values.min(), [0, *self.late.values()]
+        ends = self.aligned["start"].values + min(far) - first, self.aligned["stop"].values + max(far) - first
+        most = int(self.aligned["window_stop"].values.max() - first)
+        return [np.arange(max(int(start), 0), min(int(stop), most)) for start, stop in zip(*ends, strict=True)]
+
+    @property
+    def blocks(self) -> list[Block]:
+        """One block a manoeuvre."""
+        made, first = [], np.floor(self.aligned["window_start"].values.min())
+        for number, (place, rows) in enumerate(zip(self.places, self.rows, strict=True), 1):
+            observed, nothing = np.concatenate(rows)[:, 0], np.zeros((len(rows) * place.size, 3))
+            own = block_diag(*(one[:, 2:] for one in rows))
+            channel = np.repeat(self.channels, 3 * place.size)
+            axis = np.tile(np.repeat([0, 1, 2], place.size), len(self.late))
+            time = np.tile(first + place, len(rows))
+            made.append(Block(f"manoeuvre {number}", observed, nothing, own, channel, axis, time))
+        return made
+
+    @property
+    def candidates(self) -> list[Candidate]:
+        """Late tags of each instrument."""
+        made = []
+        for name in self.late:
+            own = [slice(3 * k, 3 * k + 3) for k, one in enumerate(self.late) if one == name][0]
+            columns = []
+            for rows in self.rows:
+                column = [np.zeros(len(one)) for one in rows]
+                column[own] = [one[:, 1] for one in rows[own]]
+                columns.append(np.concatenate(column)[:, None])
+            made.append(listed(effect(FAR[name][1]), columns, prior=False))
+        return made
+
+    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
+        """Delays in whole seconds."""
+        (late,) = [late for name, late in self.late.items() if FAR[name][1] == entry.cause]
+        return replace(entry, parameters={"delay": Parameter(float(late), WHOLE_S, "s")})
+
+    def without(self, model: Sequence[Entry]) -> xr.Dataset:
+        """Aligned records with their tags moved back."""
+        given = {one.cause: one.values["delay"] for one in model}
+        tags = {f"time_{name}": self.aligned[f"time_{name}"] - given.get(FAR[name][1], 0.0) for name in self.late}
+        return self.aligned.assign(tags).assign_attrs({MOVED: "yes"})
 
 
 def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:

@@ -13,7 +13,7 @@ from gravcal.calibrations.align import QUATERNION, gps_tags, sorted_samples, usa
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
 from gravcal.errors import EstimationError
-from gravcal.estimation import chi2_tail, least_squares
+from gravcal.estimation import chi2_tail, least_squares, timing
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic
 
@@ -28,7 +28,6 @@ CALMER = 5  # times that samples beyond noise are left out of it
 TOGETHER_S = 8.0  # of the samples of a transient
 LATEST_S = 5.0  # by which tags of firings are late or early, about a lag that stands out
 APART_S = 600  # longest lag that is looked for
-CLEARLY = 2.0  # times what any lag elsewhere gains
 FORCE, TORQUE, DELAY = "unknown:thruster_force", "unknown:thruster_torque", "timing.thruster_delay"
 
 
@@ -313,15 +312,11 @@ def _lag(aligned, rows, series):
     step, share = float(aligned["step"]), duty(aligned, 0.0)
     read = np.zeros((len(share), series.shape[1]))
     read[rows] = series
-    length, most = 2 * len(share), min(int(APART_S / step), len(share) // 2)
-    moved, seen = np.fft.rfft(share, length, axis=0), np.fft.rfft(read, length, axis=0).conj()
-    gain = np.zeros(length)
-    for one, size in zip(moved.T, np.sum(share**2, axis=0), strict=True):
-        gain += np.sum(np.fft.irfft(one[:, None] * seen, length, axis=0) ** 2, axis=1) / max(size, 1e-300)
-    lag, near = np.arange(-most, most + 1), max(int(LATEST_S / step), 1)
-    best = int(lag[np.argmax(gain[lag])])
-    clear = gain[best] > CLEARLY * np.max(gain[lag[np.abs(lag - best) > near]], initial=0.0)
-    return step * best if clear and abs(best) > near else 0.0
+    moved, seen = (np.fft.rfft(one, 2 * len(share), axis=0) for one in (share, read))
+    moved, seen = np.repeat(moved, seen.shape[1], axis=1), np.tile(seen, len(PAIRS))
+    most, near = min(int(APART_S / step), len(share) // 2), max(int(LATEST_S / step), 1)
+    late = -timing.lag(seen, moved, most, near, either=True)
+    return step * late if abs(late) > near else 0.0
 
 
 def _gains(known, information, value):

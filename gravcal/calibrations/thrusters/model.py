@@ -15,7 +15,7 @@ from gravcal.calibrations import checks, schemas
 from gravcal.calibrations.align import QUATERNION, own_tags, sorted_samples, usable
 from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError
-from gravcal.estimation import least_squares
+from gravcal.estimation import least_squares, timing
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic
 
@@ -31,7 +31,7 @@ QUIET_LEAST = 500  # epochs that measure the noise
 LONGEST_S = 600  # by which tags are looked for
 SLOWEST_HZ = 1 / 90  # of rates in which firings are looked for; below it control answers them
 ALIKE = 2001  # frequencies over which the power of a rate is the same
-CLEARLY, NEAR_S = 2.0, 10  # times what any lag further away than this gains
+NEAR_S = 10  # of lags that are not independent
 
 
 @dataclass(frozen=True)
@@ -161,9 +161,7 @@ def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def late(one: Records, inertia_b) -> int:
-    """Whole seconds by which firings are tagged late against the attitude, where the rate follows them clearly best.
-
-    0 where no lag stands out, as where firings are few: the largest of 1,201 lags of noise is a tenth above the next.
+    """Whole seconds by which firings are tagged late against the attitude, 0 where none stands out, as of few firings.
 
     Parameters
     ----------
@@ -192,11 +190,7 @@ def late(one: Records, inertia_b) -> int:
     rates, foretold = np.fft.rfft(read, 2 * count, axis=0), np.fft.rfft(kicks, 2 * count, axis=0) * held[:, None]
     power = uniform_filter1d(np.abs(rates) ** 2, ALIKE, axis=0)
     weight = ((frequency > SLOWEST_HZ) & (frequency < 0.5 / hold))[:, None] / np.maximum(power, 1e-300)
-    by_lag = np.maximum(np.fft.irfft(rates * foretold.conj() * weight, axis=0), 0.0) ** 2
-    gain = (by_lag / np.maximum(np.sum(np.abs(foretold) ** 2 * weight, axis=0), 1e-300)).sum(axis=1)
-    lag = np.arange(-LONGEST_S, LONGEST_S + 1)
-    best = int(lag[np.argmax(gain[lag])])
-    return -best if gain[best] > CLEARLY * np.max(gain[lag[np.abs(lag - best) > NEAR_S]]) else 0
+    return -timing.lag(rates, foretold, LONGEST_S, NEAR_S, weight)
 
 
 def smooth_torque(time: np.ndarray, knot_s: float) -> np.ndarray:

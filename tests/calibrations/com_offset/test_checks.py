@@ -13,9 +13,11 @@ from independent.damage import MARK
 
 from gravcal import catalog
 from gravcal.calibrations import checks as checking
-from gravcal.calibrations.com_offset import checks
+from gravcal.calibrations.com_offset import checks, observations
 from gravcal.calibrations.com_offset import page as documented
+from gravcal.discovery import driver
 from gravcal.errors import EstimationError
+from gravcal.estimation.records import Entry, Parameter
 from gravcal.store.schemas import validate
 
 LIMITS = catalog.parameters("com_offset").for_stage("checks")
@@ -123,6 +125,23 @@ def test_each_check_sees_what_it_is_for_and_passes_without(made, name):
     assert all(clean.values())
     assert clean[name]
     assert not found[name]
+
+
+@pytest.mark.parametrize(("name", "cause"), [("sca", "star_camera"), ("acc", "accelerometer")])
+def test_tags_that_are_minutes_off_are_named_alone(made, name, cause):
+    """Recovery: one instrument 137 s late: the check of its delay fails, a search names that and nothing else."""
+    aligned, *others = (made[1][stage] for stage in ("align", "field", "attitude"))
+    late = moved(aligned, **{f"time_{name}": aligned[f"time_{name}"].values + 137.0})
+    assert (checks.late(aligned), checks.late(late)) == ({}, {name: 137})
+    told = {one.name: one for one in checking.of_product(checks.inputs(late, *others, **LIMITS))}
+    assert told[f"delay of the {cause.replace('_', ' ')}"].value == 137
+    seen = observations.observe({"align": late}, noise_order=20)
+    (one,) = json.loads(driver.discover(seen, driver.Limits(0.005, 9.0, 4, 15.0, 1)).attrs["numbers"])["findings"]
+    assert (one["cause"], one["tied_with"]) == (f"timing.{cause}_delay", [])
+    assert one["parameters"]["delay"]["value"] == 137
+    back = seen.without([Entry(one["cause"], "", {"delay": Parameter(137.0, 0.5, "s")})])
+    assert (back[f"time_{name}"].values == aligned[f"time_{name}"].values).all()
+    assert observations.observe({"align": back}) is None
 
 
 def test_two_orbit_products_are_compared_where_both_are(made):
