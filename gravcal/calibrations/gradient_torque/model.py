@@ -194,6 +194,7 @@ def torque(
         "amplitude": np.moveaxis(amplitude, 1, 2),
         "rms": np.sqrt(np.mean(relative**2, axis=1)),
         "test_mass_rms": np.sqrt(np.mean(own**2, axis=1)),
+        "inertia": body,
         "sensitivity": np.array(satellite["angular_noise_density"]) * np.sqrt(2 * 1.5 / (step * relative.shape[1])),
     }
     return build(SCHEMAS["torque"], values, title="Gravity-gradient torque by zonal degree", elongation=elongation)
@@ -296,6 +297,22 @@ def offset_tensor_error(rate_b, gradient_b, offset_b):
     by_rate = -cross_matrix(np.cross(w, p)) - cross_matrix(w) @ cross_matrix(p)
     by_angle = -(cross_matrix(np.matvec(gradient_b, p)) - gradient_b @ cross_matrix(p))
     return by_angle, by_rate, np.broadcast_to(-cross_matrix(p), by_rate.shape)
+
+
+def printed_torque(inertia, gradient_b, place_b):
+    """Torque (..., 3) N m as printed, from the difference of gravity over a place (3,) m without a zero.
+
+    Parameters
+    ----------
+    inertia : (3, 3) kg m2
+    gradient_b : (..., 3, 3) s-2
+
+    Notes
+    -----
+    dg x (I q), dg = G D, q = (1/Dx, 1/Dy, 1/Dz); S-GRS paper eqs. 2, 3, right where G = dg q^T only (erratum S-1).
+    """
+    place = np.asarray(place_b, float)
+    return np.cross(np.matvec(gradient_b, place), np.asarray(inertia) @ (1 / place))
 
 
 def printed_vectors(inertia, test_mass_inertia, mass, com_to_pressure_b, separation_b):

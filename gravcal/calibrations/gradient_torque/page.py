@@ -7,7 +7,7 @@ import numpy as np
 
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.gradient_torque import checks
-from gravcal.calibrations.gradient_torque.model import SCHEMAS
+from gravcal.calibrations.gradient_torque.model import SCHEMAS, gravity_gradient_torque, printed_torque
 from gravcal.calibrations.schemas import build
 from gravcal.report import documents
 from gravcal.report.figures import COLOURS, HANN, grid
@@ -42,6 +42,12 @@ TORQUE_NOTES = (
     "Angular acceleration of the test mass relative to the satellite from one zonal term at a time. Degree 1 is empty: "
     "the origin is the centre of mass, C10 = 0 (erratum S-9). The satellite alone makes the signal where the test mass "
     "is a cube: its torque vanishes (erratum S-5); elongation lets it appear.",
+)
+#: mm, places over which the printed torque takes the difference of gravity: a choice that eq. 1 does not have.
+PLACES_MM = {(1.0, 1.0, 1.0): "vermilion", (1.0, 2.0, -0.5): "blue"}
+PRINTED_NOTES = (
+    "The torque of the tensor, t = vex(J G - G J), is one; the printed one takes the difference of gravity over a "
+    "place of the choice of the reader, is another for each, and hundreds of times and more too large (erratum S-1).",
 )
 KNOWLEDGE_NOTES = (
     "One epoch gives six numbers for five elements of the gradient tensor and three of the drag: two combinations stay "
@@ -161,6 +167,7 @@ def _sections(document):
     return [
         Section("Drag", [_methods_table(document), _budget_table(document)], [_errors, _series]),
         Section("Gravity-gradient torque", (), [_spectra, _degrees], (*TORQUE_NOTES, f"{above}(sensitivity assumed).")),
+        Section("Equation 3 against equation 1", (), [_printed_torque], PRINTED_NOTES),
         Section("What one sensor can tell", _knowledge_tables(document), (), KNOWLEDGE_NOTES),
     ]
 
@@ -234,6 +241,29 @@ def _spectra(torque):
         panel.axhline(noise, color=COLOURS["black"], linestyle="--", label="sensor")
         panel.legend(ncols=2, loc="upper right")
     panel.set_ylim(1e-18, 1e-5)
+    return figure
+
+
+@figure(
+    "gradient",
+    "torque",
+    caption="Gravity-gradient torque on the satellite by equation 1, and by equations 2 and 3 as printed with the "
+    "difference of gravity over two places.",
+)
+def _printed_torque(modelled, torque):
+    titles, margins = [f"about {axis}" for axis in AXES], {"wspace": 0.06}
+    look = {"ylabels": ["torque, N m"], "xlabel": "hours", "sharey": True}
+    figure, (panels,) = grid(1, 3, 2.8, titles=titles, margins=margins, **look)
+    time, inertia = modelled["time"].values, torque["inertia"].values
+    every = slice(None, None, max(1, time.size // 3000))
+    tensor, hours = modelled["gradient_b"].values[every], (time[every] - time[0]) / 3600
+    curves = [("black", "eq. 1", gravity_gradient_torque(inertia, tensor))]
+    for place, colour in PLACES_MM.items():
+        label = "eq. 3, ({:g}, {:g}, {:g}) mm".format(*place)
+        curves.append((colour, label, printed_torque(inertia, tensor, 1e-3 * np.array(place))))
+    for axis, panel in enumerate(panels):
+        for colour, label, series in curves:
+            panel.semilogy(hours, np.abs(series[:, axis]), color=COLOURS[colour], label=label)
     return figure
 
 
