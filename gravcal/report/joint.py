@@ -332,7 +332,7 @@ def page(document, moves, history) -> str:
     made = [one for one in made[0 if moves else 1 :] if any(table.rows for table in one.tables)]
     count = f"{len(document['events'])} events of satellite {document['satellite']}, level {document['level']}"
     told = [f"causes may follow {', '.join(document['followed'])}"] * bool(document["followed"])
-    told += [f"not {', '.join(document['not_followed'])}, which not all tell"] * bool(document["not_followed"])
+    told += [f"not {', '.join(document['not_followed'])}, which not every event tells"] * bool(document["not_followed"])
     return pages.page(document, made, {}, heading="What many events say together", subtitle="; ".join([count, *told]))
 
 
