@@ -157,22 +157,17 @@ def _cause(search, one) -> dict:
 
 def _motion(one: Moving, trims, name, fuel):
     """Slope per year, steps, change with fuel (null where it follows none) and size of the walk of a parameter."""
-    value, sigma = one.terms()
-    first = 2 + len(one.steps)
-    follows = dict.fromkeys(fuel) | {
-        quantity: {"value": v, "sigma": s}
-        for quantity, v, s in zip(one.follows, value[first:].tolist(), sigma[first:].tolist(), strict=True)
-    }
+    terms, first = [{"value": v, "sigma": s} for v, s in np.transpose(one.terms()).tolist()], 2 + len(one.steps)
     printed = {seconds(t["date"]): t for t in trims if t["axis"] == name}
     steps = [
-        {"date": day(at), "value": v, "sigma": s, "found": at in one.found, "printed": printed.get(at, {}).get("size")}
-        for at, v, s in zip(one.steps, value[2:first].tolist(), sigma[2:first].tolist(), strict=True)
+        {"date": day(at), **term, "found": at in one.found, "printed": printed.get(at, {}).get("size")}
+        for at, term in zip(one.steps, terms[2:first], strict=True)
     ]
     walk = float(np.sqrt(sum(w * q**2 for w, q, _ in one.options())))
     return {
-        "slope_per_year": {"value": float(value[1]), "sigma": float(sigma[1])},
+        "slope_per_year": terms[1],
         "steps": steps,
-        "follows": follows or None,
+        "follows": dict.fromkeys(fuel) | dict(zip(one.follows, terms[first:], strict=True)) or None,
         "walk_per_root_year": walk,
     }
 
@@ -401,11 +396,8 @@ def _apart_table(document):
         chi2 = f"{one['repeats']['chi2']:.1f} of {one['repeats']['dof']}"
         rows.append([words.title(one["cause"]), "", "repeats" if one["repeats"]["said"] else "does not repeat", chi2])
         for own in one["by_event"]:
-            known = {name: p for name, p in own["parameters"].items() if p["value"] is not None}
-            rows += [
-                [None, f"{own['event']} {name}", quantity(p["value"], p["sigma"], p["unit"]), ""]
-                for name, p in known.items()
-            ]
+            known = [(name, quantity(**p)) for name, p in own["parameters"].items() if p["value"] is not None]
+            rows += [[None, f"{own['event']} {name}", told, ""] for name, told in known]
     heads = ["cause", "event by itself", "value", "chi-square of one value for all"]
     caption = "Each cause in each event by itself, beside the others."
     return Table(caption, heads, rows, words=(0, 1, 2), wide=True)
