@@ -2,7 +2,6 @@
 
 import difflib
 import functools
-import json
 import shutil
 from dataclasses import dataclass, replace
 from datetime import date, timedelta
@@ -278,29 +277,19 @@ def reached(calibration, setting):
 
 def compare(calibration, first, second, satellite=None):
     """Document with what changes between two configurations, for the events that both have."""
-    one = record(calibration)
-    plain = not configurations.operational(calibration)["settings"]
-    found = {}
+    one, named = record(calibration), satellite and f"{catalog.satellite(satellite).name}-"
     for name in (first, second):
         configurations.settings_of(calibration, name)
-        known = location.OPERATIONAL if plain and name == configurations.CATALOGUE else name
-        entries = housekeeping.entries(kind=f"{calibration}.report", configuration=known)
-        found[name] = {one.ref.event: one for one in entries}
-    if satellite is not None:
-        named = f"{catalog.satellite(satellite).name}-"
-        mine = lambda event: event.startswith(named) or satellite.lower() in event.split("-")[1]  # noqa: E731
-        found = {name: {e: one for e, one in own.items() if mine(e)} for name, own in found.items()}
-    own, other = found[first], found[second]
-    shared = sorted(own.keys() & other.keys())
-    if not shared:
-        there = f"{len(own)} events of {first} and {len(other)} of {second} and none of both in {location.folder()}"
+
+    def wanted(event):
+        return satellite is None or event.startswith(named) or satellite.lower() in event.split("-")[1]
+
+    document = comparison.between(one, (first, second), wanted)
+    if not document["events"]:
+        counts = " and ".join(f"{len(events)} events of {name}" for name, events in document["only_in"].items())
         remedy = f"Run the one that is missing: gravcal campaign {calibration} --as NAME."
-        refuse(calibration, there, "one", remedy)
-    alone = {first: sorted(own.keys() - other.keys()), second: sorted(other.keys() - own.keys())}
-    read = lambda one: json.loads((one.ref.folder / "result.json").read_text())  # noqa: E731
-    why = lambda one, two: history.apart(one.ref.key, two.ref.key)  # noqa: E731
-    pairs = [(e, read(own[e]), read(other[e]), why(own[e], other[e])) for e in shared]
-    return comparison.comparison(one, (first, second), pairs, alone)
+        refuse(calibration, f"{counts} and none of both in {location.folder()}", "one", remedy)
+    return document
 
 
 def events(calibration=None):

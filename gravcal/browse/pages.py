@@ -97,22 +97,9 @@ def compare(request):
     calibration = _calibration(request)
     known = [location.OPERATIONAL, *configurations.names(calibration.name)]
     first, second = (request.query_params.get(side, known[0 if side == "a" else -1]) for side in "ab")
-    rows = {name: store_index.results(name) for name in (first, second)}
-    sides = [
-        {
-            row["event"]: row
-            for row in rows[name]
-            if row["calibration"] == calibration.name and _delivered(row["document"])
-        }
-        for name in (first, second)
-    ]
-    shared = sorted(sides[0].keys() & sides[1].keys())
-    whys = {one: history.apart(*(side[one]["report"].ref.key for side in sides)) for one in shared}
-    pairs = [(one, *(side[one]["document"] for side in sides), whys[one]) for one in shared]
-    alone = {n: sorted(own.keys() - other.keys()) for n, own, other in ((first, *sides), (second, *sides[::-1]))}
-    tables = comparison.tables(comparison.comparison(calibration, (first, second), pairs, alone))
-    return _filled("compare.html", request, calibration=calibration, known=known, compared=(first, second),
-                   tables=tables, alone=alone, assumption=comparison.ASSUMPTION)  # fmt: skip
+    document = comparison.between(calibration, (first, second))
+    return _filled("compare.html", request, calibration=calibration, known=known, document=document,
+                   tables=comparison.tables(document), assumption=comparison.ASSUMPTION)  # fmt: skip
 
 
 def search(request):

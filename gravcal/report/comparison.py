@@ -7,10 +7,11 @@ add is common. Where the two variances agree to 1 % nothing can be said of the d
 """
 
 import itertools
+import json
 import math
 
 from gravcal.report import pages
-from gravcal.store import history, results
+from gravcal.store import configurations, history, housekeeping, location, results
 from gravcal.store.schemas import VERSION
 
 ASSUMPTION = (
@@ -33,6 +34,23 @@ def comparison(calibration, names, pairs, alone):
         "events": [_event(calibration, *one) for one in pairs],
         "only_in": alone,
     }
+
+
+def between(calibration, names, wanted=lambda _: True):
+    """Document of a comparison of the reports that the store has of two configurations, of the events wanted."""
+    is_plain, sides = not configurations.operational(calibration.name)["settings"], []
+    path = lambda one: one.ref.folder / "result.json"  # noqa: E731
+    for name in names:
+        known = location.OPERATIONAL if is_plain and name == configurations.CATALOGUE else name
+        entries = housekeeping.entries(kind=f"{calibration.name}.report", configuration=known)
+        entries = (one for one in entries if wanted(one.ref.event) and not path(one).is_symlink())
+        sides.append({one.ref.event: one for one in entries if path(one).is_file()})
+    own, other = sides
+    read = lambda one: json.loads(path(one).read_text())  # noqa: E731
+    why = lambda one, two: history.apart(one.ref.key, two.ref.key)  # noqa: E731
+    pairs = [(e, read(own[e]), read(other[e]), why(own[e], other[e])) for e in sorted(own.keys() & other.keys())]
+    alone = {names[0]: sorted(own.keys() - other.keys()), names[1]: sorted(other.keys() - own.keys())}
+    return comparison(calibration, names, pairs, alone)
 
 
 def _event(calibration, event, first, second, why=()):
