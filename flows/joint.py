@@ -1,6 +1,5 @@
 """Discovery over many events of a satellite, and what a new event changes."""
 
-import json
 from pathlib import Path
 
 from flows import calibration as calibrations
@@ -8,7 +7,7 @@ from flows import campaign, command
 from gravcal import catalog
 from gravcal.browse import timeline
 from gravcal.errors import NoDataError, refuse
-from gravcal.store import store
+from gravcal.store import location, store
 from tasks import discovery
 from tasks.stage import inline, lazy, using
 
@@ -50,7 +49,7 @@ def _of_one(name, satellite, rows, chosen, left_out):
     settings = {"configuration": chosen.configuration, "left_out": left_out}
     about = {"event": owner(one, satellite), "satellite": satellite, "calibration": name}
     last = store.newest_record(about["event"], f"{name}.joint")
-    before = document(store.folder_of(last["key"])) if last else {}
+    before = (last and location.read_json(store.folder_of(last["key"]) / "joint.json")) or {}
     with using(inline):
         ref = discovery.joint(
             *(store.find(Path(row["report"]).name) for row in rows),
@@ -61,19 +60,13 @@ def _of_one(name, satellite, rows, chosen, left_out):
             **about,
         )
     files = [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
-    after = document(ref.folder)
+    after = location.read_json(ref.folder / "joint.json")
     return after, files, report.changes(before, after)
 
 
 def owner(one, satellite):
     """Name of what the events of a calibration are of: a satellite, or a pair."""
     return catalog.satellite(satellite).name if len(satellite) == 1 else f"{one.mission}-{satellite.lower()}"
-
-
-def document(folder):
-    """Result document of a joint search in the folder of its product, {} if it is gone."""
-    path = folder / "joint.json"
-    return json.loads(path.read_text()) if path.exists() else {}
 
 
 def history(one, letter):
