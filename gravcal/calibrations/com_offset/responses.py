@@ -43,7 +43,6 @@ MODE_STEP_HZ = 0.02
 MODES_HZ = np.arange(0.10, 0.80, MODE_STEP_HZ)
 STEP_S = 2.0  # over which the field is differentiated
 REACHED = 0.9  # share of the largest dipole of a session above which a rod may saturate
-AT_ONCE = 12  # forms that go through the operators together: with more, their samples leave the cache
 DAMPING = 0.02  # of a flexible mode, while its frequency is looked for
 BEYOND_S = 10.0  # of a manoeuvre, in which records are still turned back
 #: Channel of an effect -> channel of a manoeuvre.
@@ -88,9 +87,10 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray,
     """Effects of the catalogue, then regressors made of the measured channels, in each manoeuvre and the edge times."""
     if forms is None:
         forms = [form for entry in _entries() for form in _forms(entry)] + (_drivers(views[0]) if views else [])
-    tables, found = [_table(one, forms) for one in views], []
-    for k, form in enumerate(forms):
-        columns, shape = [table[k] for table in tables], None
+    found = []
+    for form in forms:
+        signals, shape = [form.of(one) for one in views], None
+        columns = [None if s is None else one.whitened(s) for one, s in zip(views, signals, strict=True)]
         timing = None if form.form.startswith("manoeuvre") else edge_column(form.cause, smoothed, starts)
         if form.frequency is not None:
             shape = _mode_shape(views, form.frequency)
@@ -128,23 +128,6 @@ def _forms(entry: Effect) -> list[Form]:
     if entry.channel in ("dipole_b", "torque_b"):
         return [Form(slug, "", names, units, prior, lambda one: of_torque(one, _torque_of(entry, entry.columns)))]
     return [Form(slug, "", names, units, prior, lambda one: _reading(one, entry, entry.columns))]
-
-
-def _table(one: Manoeuvre, forms: list[Form]) -> list[np.ndarray | None]:
-    """Whitened rows of every form in one manoeuvre, some of the same channels at once through the operators."""
-    signals, table = [form.of(one) for form in forms], [None] * len(forms)
-    groups: dict[tuple, list[int]] = {}
-    for k, signal in enumerate(signals):
-        if signal is not None:
-            groups.setdefault(tuple(sorted(signal)), []).append(k)
-    for group in groups.values():
-        for members in (group[k : k + AT_ONCE] for k in range(0, len(group), AT_ONCE)):
-            parts = [signals[k] for k in members]
-            joined = {channel: np.concatenate([part[channel] for part in parts], axis=2) for channel in parts[0]}
-            ends = np.cumsum([next(iter(part.values())).shape[2] for part in parts])[:-1]
-            for k, rows in zip(members, np.split(one.whitened(joined), ends, axis=1), strict=True):
-                table[k] = rows
-    return table
 
 
 def attitude_of_torques(one: Manoeuvre) -> np.ndarray:
