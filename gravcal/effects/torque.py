@@ -51,23 +51,13 @@ def lag_missing(edges: np.ndarray, dipole_b: np.ndarray, tau: float) -> tuple[np
     return missing, jump
 
 
-@njit(cache=True)
 def lagging(time, edges, dipole, missing, tau, leads):
-    """Dipole (n, 3, q) of lagging rods at increasing epochs, for each lead."""
-    out = np.zeros((time.size, 3, leads.size))
-    for q in range(leads.size):
-        last = -1
-        for k in range(time.size):
-            at = time[k] + leads[q]
-            while last + 1 < edges.size and edges[last + 1] <= at:
-                last += 1
-            if last < 0:
-                continue
-            left = np.exp(-(at - edges[last]) / tau)
-            for axis in range(3):
-                commanded = dipole[last, axis] if last < dipole.shape[0] else 0.0
-                out[k, axis, q] = commanded - missing[last, axis] * left
-    return out
+    """Dipole (n, 3, q) of lagging rods at epochs (n,), for each lead (q,)."""
+    at = time[:, None] + leads
+    last = np.searchsorted(edges, at, side="right") - 1
+    left = np.exp(-np.maximum(at - edges[last], 0.0) / tau)[:, :, None]
+    found = np.concatenate([dipole, np.zeros((1, 3))])[last] - missing[last] * left
+    return np.moveaxis(np.where(last[:, :, None] < 0, 0.0, found), 2, 1)
 
 
 def lag_swing(edges: np.ndarray, dipole_b: np.ndarray, shift: float, time: np.ndarray, tau: float) -> np.ndarray:

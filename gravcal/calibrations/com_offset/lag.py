@@ -8,7 +8,6 @@ lag it decides on how much of the exponential is left at the next sample. It is 
 
 from dataclasses import replace
 
-import numba
 import numpy as np
 import xarray as xr
 from scipy.linalg import solve_triangular
@@ -53,20 +52,7 @@ def _acceleration(one, tau, leads):
     if key not in one.memory:  # what a unit dipole on each axis does
         torque = np.stack([np.cross(unit, one.context.field_b) for unit in np.eye(3)], axis=2)
         one.memory[key] = np.linalg.inv(one.context.inertia_b) @ torque
-    return _turning(one.memory[key], dipole, one.context.dipole_b)
-
-
-@numba.njit(cache=True)
-def _turning(response, dipole, fitted):
-    """Products (n, 3, q) of matrices (n, 3, 3) with dipoles (n, 3, q) less one (n, 3)."""
-    out = np.zeros(dipole.shape)
-    for k in range(dipole.shape[0]):
-        for j in range(3):
-            for q in range(dipole.shape[2]):
-                more = dipole[k, j, q] - fitted[k, j]
-                for i in range(3):
-                    out[k, i, q] += response[k, i, j] * more
-    return out
+    return one.memory[key] @ (dipole - one.context.dipole_b[:, :, None])
 
 
 def per_second(one: Manoeuvre, tau: float, lead: float) -> dict[str, np.ndarray]:

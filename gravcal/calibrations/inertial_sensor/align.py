@@ -4,7 +4,6 @@ import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
-import numba
 import numpy as np
 import xarray as xr
 from scipy.ndimage import median_filter, uniform_filter1d
@@ -115,42 +114,19 @@ def clipped_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tu
     half = max(int(time.size * np.median(np.diff(edges)) / (time[-1] - time[0]) / 2), 1) if time.size > 1 else 1
     change = np.nanmedian(np.abs(values[half::7] - values[:-half:7]), axis=0)
     limit = SPIKE * np.maximum(np.nan_to_num(np.maximum(noise, change)), 1e-300)
-    return _clipped_means(values, np.searchsorted(time, edges - 1e-6), limit)
-
-
-@numba.njit(cache=True, nogil=True)
-def _clipped_means(values, bounds, limit):
-    """Means (b, m) of the samples (n, m) between bounds (b + 1,), none farther than the limit (m,); counts (b, m).
-
-    Compiled: a day at 10 Hz in one pass, of a spike the bin is averaged again about its median.
-    """
-    bins, width = bounds.size - 1, values.shape[1]
-    mean, number = np.full((bins, width), np.nan), np.zeros((bins, width))
-    for b in range(bins):
-        for c in range(width):
-            samples = values[bounds[b] : bounds[b + 1], c]
-            total, count = 0.0, 0
-            for value in samples:
-                if np.isfinite(value):
-                    total += value
-                    count += 1
-            if count == 0:
-                continue
-            mean[b, c], number[b, c] = total / count, count
-            far = 0.0
-            for value in samples:
-                if abs(value - mean[b, c]) > far:
-                    far = abs(value - mean[b, c])
-            if far <= limit[c]:
-                continue
-            middle = np.nanmedian(samples)  # a spike does not move it
-            shift, near = 0.0, 0
-            for value in samples:
-                if abs(value - middle) <= limit[c]:
-                    shift += value - middle
-                    near += 1
-            mean[b, c] = middle + shift / max(near, 1)
-            number[b, c] = near if near else count
+    number, bounds = np.zeros((edges.size - 1, values.shape[1])), np.searchsorted(time, edges - 1e-6)
+    mean, index = np.full(number.shape, np.nan), np.repeat(np.arange(edges.size - 1), np.diff(bounds))
+    for c, column in enumerate(values[bounds[0] : bounds[-1]].T):
+        known = np.isfinite(column)
+        bins, samples = index[known], column[known]
+        number[:, c] = np.bincount(bins, minlength=len(number))
+        mean[:, c] = np.bincount(bins, samples, len(number)) / np.where(number[:, c] > 0, number[:, c], np.nan)
+        for b in np.unique(bins[np.abs(samples - mean[bins, c]) > limit[c]]):
+            own = samples[slice(*np.searchsorted(bins, [b, b + 1]))]
+            away = own - np.median(own)  # a spike does not move it
+            near = np.abs(away) <= limit[c]
+            mean[b, c] = np.median(own) + away[near].sum() / max(near.sum(), 1)
+            number[b, c] = near.sum() or own.size
     return mean, number
 
 

@@ -9,7 +9,6 @@ from dataclasses import dataclass
 from functools import lru_cache
 from math import comb
 
-import numba
 import numpy as np
 import xarray as xr
 from scipy.linalg import cholesky, solve_triangular, solveh_banded
@@ -305,7 +304,7 @@ def lags_of_densities(ranging: np.ndarray, pointing: np.ndarray, step_s: float, 
 
 
 def covariance_matrix(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.ndarray:
-    """Covariance of the noise at some epochs of an even grid, lower triangle (n, n).
+    """Covariance (n, n) of the noise at some epochs of an even grid.
 
     Place (n,) holds the numbers of the epochs, lever (n, derivative + 1, 4) m s**-order the range per radian of
     pointing and its derivatives. The pointing part of the range is sum_j g_j phi_j; by Leibniz its d-th derivative has
@@ -313,11 +312,12 @@ def covariance_matrix(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.
     """
     d, n = by_lag.derivative, by_lag.ranging.size
     strength = np.sqrt(np.mean(lever[:, 0] ** 2, axis=0))
-    strong = np.ascontiguousarray(lever[:, ::-1][:, :, strength > SMALL * strength.max()])
-    by_pair = np.zeros((d + 1, d + 1, 2 * n - 1))
+    strong = lever[:, ::-1][:, :, strength > SMALL * strength.max()]
+    lag = place[:, None] - place
+    covariance = by_lag.ranging[np.abs(lag)]
     for (a, b), values in by_lag.pointing.items():
-        by_pair[a, b] = comb(d, a) * comb(d, b) * values
-    return _lower(by_lag.ranging, by_pair, place, strong if by_lag.pointing else strong[:, :, :0])
+        covariance += comb(d, a) * comb(d, b) * (strong[:, a] @ strong[:, b].T) * values[n - 1 + lag]
+    return covariance
 
 
 @dataclass(frozen=True)
@@ -369,8 +369,7 @@ def with_restricted(
     longest = max(int(one.place[-1]) for one in stretches) + 1
     known = shapes(step, measured.attrs.get("smoothed_hz", np.inf))
     units = [lags_of_densities(np.zeros(BINS + 1), s, step, 0, longest) for s in known]
-    lower = [[covariance_matrix(by_lag, one.place, one.lever) for by_lag in units] for one in stretches]
-    kernels = [[K + np.tril(K, -1).T for K in some] for some in lower]
+    kernels = [[covariance_matrix(by_lag, one.place, one.lever) for by_lag in units] for one in stretches]
     value, held = np.append(measured["pointing_power"].values, np.zeros(free.size)), np.zeros((count + free.size,) * 2)
     held[count:, count:] = np.linalg.inv(quiet.covariance[np.ix_(free, free)])
     for _ in range(RESTRICTED_STEPS):
@@ -409,23 +408,3 @@ def _basis_beside(baseline, tried):
     left = left[:, size > BESIDE * np.linalg.norm(tried, axis=0)]
     second, values, _ = np.linalg.svd(left / np.linalg.norm(left, axis=0), full_matrices=False)
     return least_squares.orthonormal(np.column_stack([first, second[:, values > DEPENDENT * values[0]]]))
-
-
-@numba.njit(cache=True)
-def _lower(ranging, by_pair, place, lever):
-    """Lower triangle; `lever` (n, a, j) holds the derivative that goes with the a-th of the pointing noise."""
-    n, orders, kinds = lever.shape
-    middle = ranging.size - 1
-    out = np.zeros((n, n))
-    for i in range(n):
-        for k in range(i + 1):
-            lag = place[i] - place[k]
-            total = ranging[lag]
-            for a in range(orders):
-                for b in range(orders):
-                    arms = 0.0
-                    for j in range(kinds):
-                        arms += lever[i, a, j] * lever[k, b, j]
-                    total += arms * by_pair[a, b, middle + lag]
-            out[i, k] = total
-    return out
