@@ -22,24 +22,27 @@ LEAST = 3000.0  # s of a roll that determine the torque of gravity to 3 %
 LOST = 60.0  # s without attitude in which a swing is not found
 IDLE = "attitude against orbit on days without swing and roll"
 TORQUE = "angular reading y over gravity torque while rolling, from one"
+#: Setting and unit of the limit of each check of the records.
+LIMITS = {
+    "constant readings": ("constant_limit_s", "s"),
+    "quaternion norm": ("norm_limit", "1"),
+    "attitude jump": ("jump_limit_rad", "rad"),
+    "orbit velocity against position": ("velocity_limit_m_s", "m/s"),
+    "orbit height against the catalogue": ("height_limit_m", "m"),
+    "attitude against orbit": ("pointing_limit_rad", "rad"),
+    "quiet voltages, rms over median change": ("quiet_step_limit", "1"),
+    TORQUE: ("factor_limit", "1"),
+}
 
 
 def inputs(
     detected: xr.Dataset,
     days: Sequence[tuple[Callable, Callable, Callable]],
     *,
-    margin_s,
-    constant_limit_s,
-    norm_limit,
-    jump_limit_rad,
-    quiet_step_limit,
-    velocity_limit_m_s,
-    height_limit_m,
-    pointing_limit_rad,
     expected_beta,
-    factor_limit,
     orbit_height,
     inertia,
+    **limits: float,
 ) -> xr.Dataset:
     """Checks of the records of all manoeuvres, the worst of all days; where nothing is found the attitude is to say so.
 
@@ -47,19 +50,11 @@ def inputs(
     ----------
     detected : Dataset, "inertial_sensor.detect"
     days : functions that read sensor, tracker and orbit of each day
-    margin_s .. factor_limit : settings of the stage; expected_beta (2,) rad s-2 V-1, about x and about y and z
+    expected_beta : (2,) rad s-2 V-1, about x and about y and z
     orbit_height : m, catalogued; inertia : (3,) kg m2, of the test mass
+    limits : settings of the stage
     """
-    limits = {
-        "constant readings": (constant_limit_s, "s"),
-        "quaternion norm": (norm_limit, "1"),
-        "attitude jump": (jump_limit_rad, "rad"),
-        "orbit velocity against position": (velocity_limit_m_s, "m/s"),
-        "orbit height against the catalogue": (height_limit_m, "m"),
-        "attitude against orbit": (pointing_limit_rad, "rad"),
-        "quiet voltages, rms over median change": (quiet_step_limit, "1"),
-        TORQUE: (factor_limit, "1"),
-    }
+    margin_s = limits["margin_s"]
     still = [[detected.swing_start[0] - margin_s, detected.swing_start[0] - GUARD]] if detected.sizes["swing"] else []
     still += [[detected.swing_stop[0] + GUARD, detected.swing_stop[0] + margin_s]] if still else []
     swing = np.stack([detected.swing_start, detected.swing_stop], axis=1)[:1] + [-margin_s, margin_s]
@@ -95,8 +90,9 @@ def inputs(
     if not departures:
         raise EstimationError("found no record of a manoeuvre, expected voltages, attitude and orbit. Check the files.")
     worst = np.append(np.max(departures, axis=0)[:-1], np.fmax.reduce(departures)[-1])
-    tests = [at_most(name, value, *limits[name]) for name, value in zip(limits, worst, strict=True)]
-    tests += [at_most(IDLE, np.max(idle), pointing_limit_rad, "rad")] if idle else []
+    judged = zip(LIMITS.items(), worst, strict=True)
+    tests = [at_most(name, value, limits[limit], unit) for (name, (limit, unit)), value in judged]
+    tests += [at_most(IDLE, np.max(idle), limits["pointing_limit_rad"], "rad")] if idle else []
     return checks.product([one for one in tests if one.name != TORQUE or not np.isnan(one.value)])
 
 

@@ -327,37 +327,21 @@ class Ranging(Observations):
         return half.time, model[:, None], (self.factors[number] @ rows).T[:, :, None]
 
     def near(self, fitted: Fitted) -> list[Candidate]:
-        """A phase break at the epoch that the data ask for."""
-        return self.breaks(np.array([self._refined(fitted)["time"].value]))
+        """Phase breaks at epochs near that of a finding."""
+        return self.breaks(epoch_of(fitted.candidate.cause) + FINE_S)
+
+    def spacing(self, epoch: float) -> float:  # noqa: ARG002
+        """Spacing s of the search for phase breaks."""
+        return BREAK_STEP_S
 
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:
-        """A phase break by size and epoch, a ripple with its period."""
-        if entry.cause == BREAK:
-            return replace(entry, parameters=self._refined(fitted))
+        """A ripple with its period."""
         shape = fitted.candidate.shape
         if shape is None or entry.cause != RIPPLE:
             return entry
         sigma = None if shape.covariance is None else float(np.sqrt(shape.covariance[0, 0]))
         period = Parameter(float(shape.value[0]), sigma, "rad")
         return replace(entry, parameters=dict(entry.parameters) | {"period": period})
-
-    def _refined(self, fitted):
-        """Size and epoch of a phase break, on a finer grid than that of the search."""
-        epochs, middle = epoch_of(fitted.candidate.cause) + FINE_S, int(np.argmin(np.abs(FINE_S)))
-        size, right = np.zeros(epochs.size), np.zeros(epochs.size)
-        for k in (i for i, columns in enumerate(fitted.candidate.columns) if columns is not None):
-            basis = fitted.bases[k]
-            shapes = noise.white(self.factors[k], self._steps(self.halves[k], epochs))
-            shapes = shapes - basis @ (basis.T @ shapes)
-            size += np.einsum("nk,nk->k", shapes, shapes)
-            right += shapes.T @ (fitted.rest[k] + shapes[:, middle] * fitted.value[0])
-        value = right / np.maximum(size, 1e-300)
-        weight = np.exp((value**2 * size - np.max(value**2 * size)) / 2)
-        weight = weight / weight.sum()
-        best, at = int(np.argmax(weight)), float(weight @ epochs)
-        spread = float(np.sqrt(weight @ (epochs - at) ** 2 + (FINE_S[1] - FINE_S[0]) ** 2 / 12))
-        sigma = max(float(fitted.sigma[0]), 1 / float(np.sqrt(size[best])))
-        return {"size": Parameter(float(value[best]), sigma, "m"), "time": Parameter(at, spread, "s")}
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records without the effects of a model.
