@@ -165,26 +165,16 @@ def orientation_parameters(time_gps):
     return scipy.interpolate.CubicSpline(table[0, rows], table[1:, rows], axis=1)(time_gps)
 
 
-@lru_cache
-def _lines():
-    """Rows of finals2000A that hold polar motion and UT1, as (n, width) single characters."""
-    raw = (TABLES / "finals2000A.all").read_bytes()
-    width = raw.index(b"\n") + 1
-    lines = np.frombuffer(raw, "S1").reshape(-1, width)
-    return lines[np.any(lines[:, 58:68] != b" ", axis=1)]
-
-
 def _numbers(lines, begin, end):
     """One column as floats, NaN where blank."""
-    text = np.ascontiguousarray(lines[:, begin:end]).view(f"S{end - begin}")[:, 0]
-    return np.where(np.char.strip(text) == b"", b"nan", text).astype(float)
+    return np.array([float(line[begin:end].strip() or "nan") for line in lines])
 
 
 @lru_cache
 def _table():
     """GPS epoch, xp, yp, UT1 - TAI, dX, dY: (6, n). UT1 - TAI has no leaps, so it can be interpolated."""
-    lines = _lines()
-    values = {}
+    lines, values = (TABLES / "finals2000A.all").read_text().splitlines(), {}
+    lines = [line for line in lines if line[58:68].strip()]  # with polar motion and UT1
     for name, (final, rapid, unit) in COLUMNS.items():
         best, other = _numbers(lines, *final), _numbers(lines, *rapid)
         column = np.where(np.isfinite(best), best, other) * unit
