@@ -211,12 +211,8 @@ def fit_spectrum(
 ) -> Spectrum:
     """Density of noise from all quiet pieces there are, long or short, with gaps, beside columns of any size in them.
 
-    Parameters
-    ----------
-    pieces : list of (n_i,) values, any unit, evenly spaced, NaN where missing, and (n_i, q_i) columns
-    step_s : s
-    knot_hz : (k,) Hz
-    parts : of the band up to Nyquist, at which the response of each wave is known; as many as a piece has samples
+    Pieces are (n_i,) even values, NaN where missing, and (n_i, q_i) columns; knots (k,) Hz; the response of each wave
+    is known at so many parts of the band up to Nyquist, as many as a piece has samples.
 
     Notes
     -----
@@ -305,15 +301,9 @@ def levels(
 ) -> Levels:
     """Levels of noise that is not stationary, from quiet pieces in or near each part.
 
-    One everywhere unless the powers of the pieces deny one level, see `STATIONARY`.
-
-    Parameters
-    ----------
-    models : of the axes, of all pieces together
-    pieces : list of (n_i, a) unit of the noise, detrended, NaN where missing
-    lost : parameters that detrending took from each axis of each piece
-    part : (k,) number of the part that each piece belongs to
-    parts : how many there are; one without pieces has the level of all
+    One everywhere unless the powers of the pieces deny one level, see `STATIONARY`. Pieces (n_i, a) are detrended, NaN
+    where missing, which took `lost` parameters from each axis of each; `part` (k,) is the part that each belongs to, of
+    so many parts; one without pieces has the level of all.
 
     Notes
     -----
@@ -356,7 +346,7 @@ def changing_levels(white: np.ndarray, lost: float) -> Levels:
     One everywhere unless the powers of its stretches deny it, see `STATIONARY`. A level of each stretch by itself would
     take a burst for noise; what is left of a polynomial says how far its errors are to be trusted. White (n, a) is
     whitened by the models of the axes, evenly spaced, NaN where missing; the fit took `lost` parameters from each axis;
-    the logarithm of the amplitude follows a polynomial of this degree. Each sample is a part of the levels.
+    the logarithm of the amplitude follows a parabola. Each sample is a part of the levels.
     """
     parts, degree = np.array_split(np.arange(len(white)), min(STRETCHES, len(white) // 16)), 2
     count = np.array([np.isfinite(white[part]).all(axis=1).sum() for part in parts]) * (1 - lost / max(len(white), 1))
@@ -403,13 +393,9 @@ NODES = 1024
 
 
 def fit_detrended(segments: list[np.ndarray], clean: Callable, order: int, step_s: float) -> list[NoiseModel]:
-    """Autoregressive model of each axis from residuals.
+    """Autoregressive model of each axis from residuals of segments (n_i, 3), evenly spaced, NaN where missing.
 
-    Parameters
-    ----------
-    segments : list of (n_i, 3) any unit, evenly spaced, NaN where missing
-    clean : (segment, index of it) -> segment after the fit, (n_i, 3); linear in the segment
-    order, step_s : of the models; s
+    `clean` takes a segment and its index to the segment after the fit, linearly.
     """
     rng = np.random.default_rng(0)
     axes = range(segments[0].shape[1])
@@ -508,14 +494,8 @@ def without_lines(
 ) -> tuple[list[np.ndarray], list[tuple[int, float]]]:
     """Segments with sines of any phase and size in each taken out, where all of them together show a line.
 
-    Parameters
-    ----------
-    segments : list of (n_i, axes) any unit, evenly spaced, NaN where missing
-    step_s, level : s; chance of taking a line out of noise without one, each axis
-
-    Returns
-    -------
-    cleaned, found : list of (n_i, axes); (axis, frequency in Hz) of every line
+    Segments (n_i, axes) are even, NaN where missing; the level is the chance of taking a line out of noise without one,
+    each axis. With them come axis and frequency in Hz of every line.
     """
     cleaned, found = [s.copy() for s in segments], []
     length = int(np.median([np.isfinite(s[:, 0]).sum() for s in segments]))

@@ -25,13 +25,8 @@ APART_S, NEAR_S, LATE_S, BAND_HZ = 600, 180, 10, (1 / 30, 1 / 6)
 def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *others: xr.Dataset, **limits) -> xr.Dataset:
     """Checks of the records round the manoeuvres against each other; what is not there is not checked.
 
-    A misfit is the largest of those that 90 % of the samples keep to, over pieces of `check_piece_s`.
-
-    Parameters
-    ----------
-    aligned, checked, smoothed : Dataset, "align", "com_offset.field" and "com_offset.attitude"
-    others : Dataset, "ingest" of the orbit product that was not taken, if there is one
-    limits : settings of the stage
+    A misfit is the largest of those that 90 % of the samples keep to, over pieces of `check_piece_s`. Others are the
+    orbit product that was not taken, if there is one.
     """
     piece = limits["check_piece_s"]
     usable = aligned["orbit_flag"].values == 0

@@ -82,12 +82,8 @@ def estimate(
 def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset:
     """Offset, information and mode shifts of every manoeuvre for one angular acceleration.
 
-    CoM paper eqs. 3-6 with generalised weights; erratum C-12 for the weights and the operator.
-
-    Parameters
-    ----------
-    resampled, measured : Dataset, "com_offset.equations" and "com_offset.noise"
-    settings : drift_degree, noise_order
+    CoM paper eqs. 3-6 with generalised weights; erratum C-12 for the weights and the operator. Given are
+    "com_offset.equations" and "com_offset.noise".
     """
     given = arrays(resampled)
     settings = settings | {"step_s": float(resampled.attrs["step_s"])}
@@ -248,13 +244,9 @@ def published_solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Datas
 def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
     """One offset for each angular acceleration, with its covariance and three consistency tests.
 
-    Parameters
-    ----------
-    solved : Dataset, "com_offset.solve", one for each angular acceleration, with its two mode labels
-    settings : method, "gravcal", or "published" for the rows and errors of the source paper;
-        determined_sigma_um, a component with a larger error is not determined;
-        consistency_level, probability below which manoeuvres or angular accelerations do not agree;
-        drag_sigma_m_s2 and period_s, a constant acceleration that turns with the swinging body looks like an offset
+    Solved are "com_offset.solve", one for each angular acceleration. A component with an error beyond
+    determined_sigma_um is not determined; a constant acceleration that turns with the swinging body (drag_sigma_m_s2,
+    period_s) looks like an offset; method "published" has the rows and errors of the source paper.
     """
     limit = settings["determined_sigma_um"] * 1e-6
     method = settings["method"]

@@ -124,11 +124,6 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
     An uncertainty that has a shape is kept as a mode: the change of the angular acceleration for one standard
     deviation. Shared modes act in all manoeuvres together; catalogue modes come from inertia and dipole per current, of
     `acc` from the prior of its scale.
-
-    Parameters
-    ----------
-    smoothed, aligned : Dataset, "com_offset.attitude" and "align"
-    settings : variant, method, angular_scale_sigma, inertia and dipole_per_current, each of the two with its sigma
     """
     variant, torquer = settings["variant"], smoothed["rate_dot_mtq_b"].values
     time, manoeuvre = smoothed["time_acc"].values, smoothed["acc_manoeuvre"].values
@@ -223,11 +218,6 @@ def equations(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **
     CoM paper eqs. 3-5; erratum C-12 for the operator, one for reading and columns. The columns are linear in the
     angular acceleration, so that this is resampled, not its nine columns. A manoeuvre with too few samples has no
     epochs.
-
-    Parameters
-    ----------
-    aligned, smoothed, angular : Dataset, "align", "com_offset.attitude" and "com_offset.angular_acceleration"
-    settings : lowpass_hz, half_width_s, step_s
     """
     records, motion, turning = arrays(aligned), arrays(smoothed), arrays(angular)
     driven, modes = int(angular.attrs["variant"] != "mtq"), angular.sizes["mode_index"]

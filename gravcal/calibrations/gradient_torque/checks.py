@@ -17,14 +17,7 @@ DETERMINED = 20.0  # inverse of the error of a factor that is tested
 
 
 def inputs(modelled: xr.Dataset, observed: xr.Dataset, *, satellite: Mapping, **limits: float) -> xr.Dataset:
-    """Checks of one day of readings.
-
-    Parameters
-    ----------
-    modelled, observed : Dataset, "gradient_torque.gradient" and "ingest" of the same file
-    satellite : orbit_height, sensor_position, linear_noise_density, angular_noise_density of the catalogue
-    limits : settings of the stage
-    """
+    """Checks of one day of readings, from "gradient_torque.gradient" and the file itself."""
     time, step = observed["time"].values, float(np.median(np.diff(modelled["time"].values)))
     position, velocity, quaternion = (observed[name].values for name in ("position", "velocity", "q"))
     usable = np.isfinite(quaternion).all(axis=1)

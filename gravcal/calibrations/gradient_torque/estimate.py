@@ -30,16 +30,9 @@ def drag(
     control_damping: float,
     satellite: dict,
 ) -> xr.Dataset:
-    """Drag by one of the three methods.
+    """Drag by one of the three methods, a variant with ".clean" behind for the readings of a simulation without noise.
 
-    Parameters
-    ----------
-    modelled : Dataset, "gradient_torque.gradient"
-    variant : one of VARIANTS, with ".clean" behind for the readings of a simulation without noise
-    single_sensor : 1 or 2
-    elongation, gravity_sigma_scale, torque_step_s, torque_noise_order : settings of the stage
-    control_hz, control_damping : Hz, 1, law of the attitude control; 0 Hz: not known, no torque balance
-    satellite : numbers of the catalogue
+    control_hz and control_damping are the law of the attitude control; 0 Hz: not known, no torque balance.
 
     Notes
     -----
@@ -210,13 +203,8 @@ def combine(
 ) -> xr.Dataset:
     """Errors, spectra and identifiability of all methods in one product.
 
-    Parameters
-    ----------
-    products : Dataset, "gradient_torque.gradient", then "gradient_torque.drag" of each of `methods`, then, if there is
-        one, "gradient_torque.truth" and the drags from readings without noise in the order of `methods`
-    methods : names
-    identifiability_epochs, identifiability_step_s : size of the joint system shown
-    single_sensor, elongation, satellite : as for the other stages
+    Products are "gradient_torque.gradient", then "gradient_torque.drag" of each of `methods`, then, if there is one,
+    "gradient_torque.truth" and the drags from readings without noise in the order of `methods`.
     """
     modelled, drags, rest = products[0], products[1 : 1 + len(methods)], products[1 + len(methods) :]
     truth = rest[0]["drag_b"].values if rest else np.full(drags[0]["drag_b"].shape, np.nan)

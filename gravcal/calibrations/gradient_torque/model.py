@@ -81,14 +81,9 @@ def gradient(
     elongation: float,
     satellite: dict,
 ) -> xr.Dataset:
-    """Tensor of the gravity gradient in b, rates and their errors.
+    """Tensor of the gravity gradient in b, rates and their errors, of an SGRS file and a gravity field.
 
-    Parameters
-    ----------
-    observed, stored : Dataset, "ingest" of an SGRS file and "gradient_torque.field"
-    field_degree, knot_step_s, gap_limit_s, single_sensor : settings of the stage
-    elongation : 1, of the test masses
-    satellite : attitude_noise, angular_noise_density, test_mass, test_mass_inertia of the catalogue
+    The satellite has attitude_noise, angular_noise_density, test_mass, test_mass_inertia of the catalogue.
     """
     time, places = observed["time"].values, observed["sensor_position"].values
     if single_sensor > len(places):
@@ -164,11 +159,8 @@ def torque(
 ) -> xr.Dataset:
     """Amplitude spectra of the torque by zonal degree beside the angular noise of the sensor.
 
-    Parameters
-    ----------
-    modelled, observed, stored : Dataset, "gradient_torque.gradient", "ingest" of the file, "gradient_torque.field"
-    lowest_degree, highest_degree, spectrum_step_s, elongation : settings of the stage
-    satellite : inertia, test_mass, test_mass_inertia, angular_noise_density
+    Attitude is that of "gradient_torque.gradient", the orbit that of the file; the satellite has inertia, test_mass,
+    test_mass_inertia, angular_noise_density.
     """
     time, position = observed["time"].values, observed["position"].values
     every = slice(None, None, max(1, round(spectrum_step_s / float(np.median(np.diff(time))))))

@@ -203,15 +203,8 @@ def align(
 ) -> xr.Dataset:
     """Everything about the first swing: voltages on an even grid without spikes and gaps, attitude, position.
 
-    Parameters
-    ----------
-    detected : Dataset, "inertial_sensor.detect"
-    sensor, tracker, orbit : functions (start, stop) -> records between two epochs
-    margin_s, spike_sigma, gap_limit_s : settings of the stage
-
-    Raises
-    ------
-    EstimationError : a longer gap, or a record that does not reach over the swing
+    Sensor, tracker and orbit are functions (start, stop) -> records between two epochs. An EstimationError for a longer
+    gap than gap_limit_s, or a record that does not reach over the swing.
     """
     start, stop = float(detected.swing_start[0]), float(detected.swing_stop[0])
     volts, attitude, path = (read(start - margin_s, stop + margin_s) for read in (sensor, tracker, orbit))

@@ -115,24 +115,11 @@ def bias(
     k_z_before,
     assumed,
 ) -> xr.Dataset:
-    """Bias of the linear axes.
+    """Bias of the linear axes; beside a swing also without usable segments, the bias NaN.
 
-    Parameters
-    ----------
-    segmented : Dataset, "inertial_sensor.segment"
-    swing : Dataset, "inertial_sensor.scale" and "inertial_sensor.offset", or none
-    method : "gravcal" or "published" (no offset term, amplitudes straight lines)
-    segment_s .. amplitude_harmonics : settings of the stage
-    k_z_before : m s-2 V-1, factor with which the noise of z was stated before
-    assumed : scale factors and offset where there is no swing
-
-    Returns
-    -------
-    biased : Dataset, "inertial_sensor.bias"; beside a swing also without usable segments, the bias NaN
-
-    Raises
-    ------
-    EstimationError : fewer than three usable segments and no swing, so that nothing is delivered
+    Swing are "inertial_sensor.scale" and "inertial_sensor.offset", or none, where scale factors and offset are assumed.
+    The method "published" has no offset term, and amplitudes are straight lines; k_z_before m s-2 V-1 is the factor
+    with which the noise of z was stated before. An EstimationError with fewer than three usable segments and no swing.
     """
     sensor = sensor_of(swing, assumed)
     bins = {name: segmented[name].values for name in segmented.variables}

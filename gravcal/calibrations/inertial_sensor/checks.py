@@ -46,13 +46,8 @@ def inputs(
 ) -> xr.Dataset:
     """Checks of the records of all manoeuvres, the worst of all days; where nothing is found the attitude is to say so.
 
-    Parameters
-    ----------
-    detected : Dataset, "inertial_sensor.detect"
-    days : functions that read sensor, tracker and orbit of each day
-    expected_beta : (2,) rad s-2 V-1, about x and about y and z
-    orbit_height : m, catalogued; inertia : (3,) kg m2, of the test mass
-    limits : settings of the stage
+    Days are functions that read sensor, tracker and orbit of each; expected_beta (2,) rad s-2 V-1 is about x and about
+    y and z, orbit_height m catalogued, inertia (3,) kg m2 of the test mass.
     """
     margin_s = limits["margin_s"]
     still = [[detected.swing_start[0] - margin_s, detected.swing_start[0] - GUARD]] if detected.sizes["swing"] else []

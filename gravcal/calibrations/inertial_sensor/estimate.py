@@ -92,16 +92,10 @@ def estimate(
 def scale(
     aligned: xr.Dataset, *, method, bin_s, quiet_margin_s, first_beta, arm_x_mm, k_y, k_y_sigma, geometry
 ) -> xr.Dataset:
-    """Scale factors of one swing.
+    """Scale factors of one swing, by the method "gravcal" or "published".
 
-    Parameters
-    ----------
-    aligned : Dataset, "inertial_sensor.align"
-    method : "gravcal" or "published"
-    bin_s, quiet_margin_s, arm_x_mm : settings of the stage
-    first_beta : (2,) rad s-2 V-1, to start from, about x and about y and z
-    k_y, k_y_sigma : m s-2 V-1, taken as they are
-    geometry : {"mass" kg, "inertia" kg m2, "arm" m, and each with "_sigma"}
+    first_beta (2,) rad s-2 V-1 is where the fit starts, about x and about y and z; k_y m s-2 V-1 is taken as it is;
+    geometry holds "mass" kg, "inertia" kg m2, "arm" m, and each with "_sigma".
     """
     prepared = swing_of(aligned, bin_s, quiet_margin_s, np.array(geometry["inertia"]))
     fitted = model.fit(prepared, np.array(first_beta, dtype=float))

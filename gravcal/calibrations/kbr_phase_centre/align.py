@@ -20,11 +20,7 @@ PER_DAY = 5  # files
 def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr.Dataset:
     """Orbits, attitudes and ranging of one day or several.
 
-    Parameters
-    ----------
-    observed : Dataset, "ingest" of KBR1B or LRI1B, then the orbits of both satellites, then their SCA1B; then the same
-        of the next day
-    gap_limit_s, break_limit_m : settings of the stage
+    Observed are KBR1B or LRI1B, then the orbits of both satellites, then their SCA1B; then the same of the next day.
     """
     observed = _joined(observed)
     kbr, orbits, cameras = observed[0], observed[1:3], observed[3:5]

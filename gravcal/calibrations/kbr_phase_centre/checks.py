@@ -26,12 +26,8 @@ def of_inputs(
 ) -> xr.Dataset:
     """Checks of orbits, attitudes and ranging against each other.
 
-    Parameters
-    ----------
-    aligned, pointed : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.pointing"
-    ranges, rates : Dataset, "kbr_phase_centre.observable" of range and range rate
-    orbits : Dataset, "ingest" of all orbit products of both satellites, those not used included
-    nominal_m, limits : (2, 3) m, phase centres of the catalogue; settings of the stage
+    Ranges and rates are the observables of both; orbits all products of both satellites, those not used included;
+    nominal_m (2, 3) m the phase centres of the catalogue.
     """
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
     radius = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS

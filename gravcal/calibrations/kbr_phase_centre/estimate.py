@@ -97,15 +97,10 @@ def solve(
     nominal_m,
     published_trim_s: float,
 ) -> xr.Dataset:
-    """Phase centres of both satellites from one observable.
+    """Phase centres of both satellites from one observable, "range", "range_rate" or "range_acceleration".
 
-    Parameters
-    ----------
-    equations, measured : Dataset, "kbr_phase_centre.observable" and "kbr_phase_centre.noise"
-    variant : "range", "range_rate" or "range_acceleration"
-    method : "gravcal", or "published" for the choices of the source paper
-    orbit_degree, band_hz, robust_k0, robust_k1, published_trim_s : settings of the stage
-    nominal_m : (2, 3) m, at which x is held in the sub-sets that fix it
+    The method "published" makes the choices of the source paper; x is held at nominal_m (2, 3) m in the sub-sets that
+    fix it.
     """
     derivative = OBSERVABLES.index(variant)
     nominal = np.asarray(nominal_m, dtype=float).reshape(6)
@@ -305,14 +300,7 @@ def combine(
     determined_limit_mm: float,
     offset_deg: float,
 ) -> xr.Dataset:
-    """Estimates of all observables beside each other.
-
-    Parameters
-    ----------
-    solved : Dataset, "kbr_phase_centre.solve", one per observable
-    adopted_observable, adopted_estimator : the result that goes into the vector files
-    determined_limit_mm, offset_deg : settings of the stage
-    """
+    """Estimates of all observables beside each other, one "kbr_phase_centre.solve" per observable."""
     values = {name: np.stack([one[name].values for one in solved]) for name in STACKED}
     values["determined"] = _determined(values["covariance"], determined_limit_mm)
     values["shift"] = values["centre"][:, :, 0] - values["centre"][:, :1, 0]

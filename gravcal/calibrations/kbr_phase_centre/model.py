@@ -51,12 +51,8 @@ def pointing(
 ) -> xr.Dataset:
     """Observation geometry on whole seconds, and the sub-manoeuvres found in the pointing angles.
 
-    Parameters
-    ----------
-    aligned : Dataset, "kbr_phase_centre.align"
-    nominal_m : (2, 3) m, phase centres of the catalogue, for the part square in them
-    given : (k, 5) satellite, axis, sign, start and stop of the catalogue's manoeuvres; empty: look for them
-    period_s, offset_limit_deg, amplitude_limit_deg : settings of the stage
+    nominal_m (2, 3) m is for the part square in the phase centres; given (k, 5) are satellite, axis, sign, start and
+    stop of the catalogue's manoeuvres, which are looked for if it has none.
     """
     time, position, quaternion = (aligned[n].values for n in ("time", "position_i", "quaternion"))
     line = lines_of_sight(position, quaternion)
@@ -212,17 +208,11 @@ def observable(
     nominal_m,
     published_half_width: int,
 ) -> xr.Dataset:
-    """Ranging minus orbit and its columns at the ranging epochs.
+    """Ranging minus orbit and its columns at the ranging epochs, of one observable.
 
     The range of the centres of mass, the columns and the part square in the offsets pass through the CRN filter that
-    made range, rate and acceleration of the ranging product; nothing is differentiated in another way.
-
-    Parameters
-    ----------
-    aligned, pointed : Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.pointing"
-    variant : "range", "range_rate" or "range_acceleration"
-    trim_s, quiet_margin_s, crn_window_s, crn_bandwidth_hz, published_half_width : settings of the stage
-    nominal_m : (2, 3) m, phase centres of the catalogue, for the lever arm of pointing errors
+    made range, rate and acceleration of the ranging product; nothing is differentiated in another way. nominal_m (2, 3)
+    m is for the lever arm of pointing errors.
     """
     derivative = OBSERVABLES.index(variant)
     time, at = pointed["time"].values, aligned["time_kbr"].values
