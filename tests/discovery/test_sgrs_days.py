@@ -16,12 +16,12 @@ from tasks.stage import read
 
 RNG_LEVEL = ALARM + 6 * 1e-4  # of all its draws, see seeds.py
 
-HALF_DAY = {"duration_s": "43200", "step_s": "5", "field_degree": "20"}
-#: Effects that half a day shows at ten times its errors or more, the field by far the most.
+QUARTER = {"duration_s": "21600", "step_s": "5", "field_degree": "20"}
+#: Effects that a quarter of a day shows at ten times its errors or more, the field by far the most.
 LISTED = {
     "gradient.angular_bias": {"y": 4e-11, "z": -5e-11},
     "gradient.field_scale": {"scale": 0.03},
-    # 20 to 40 sigma of the noise of the sensors, whatever the motion of the day: a millionth of gravity is no noise
+    # 17 sigma of the noise of the sensors, whatever the motion of the day: a millionth of gravity is no noise
     "gradient.field_scale, small": {"scale": 5e-6},
     "gradient.tesseral": {"cosine": 1e-4},
     "attitude.star_camera_misalignment": {"angle_z": 2e-3},
@@ -29,9 +29,9 @@ LISTED = {
 
 
 def simulated(folder, rng, effects, **settings):
-    """Files of half a day."""
+    """Files of a quarter of a day."""
     seed = int(rng.integers(1_000_000))
-    return commands.simulated("gradient_torque", folder / "level1", seed, effects, **(HALF_DAY | settings))
+    return commands.simulated("gradient_torque", folder / "level1", seed, effects, **(QUARTER | settings))
 
 
 def discovered(folder, *options):
