@@ -27,7 +27,7 @@ LIMITS = {
     "rods": (["x", "y", "z"], "rods that may be driven"),
     "latitude_deg": ([-85.0, 85.0], "south and north end of where manoeuvres may be"),
     "duration_s": (180.0, "length of a manoeuvre"),
-    "period_s": (12.0, "of the square wave; detection looks for this one"),
+    "period_s": ([12.0], "periods of the square wave to choose from, one for a session; detection looks for it"),
     "current_ma": ([110.0, 55.0], "amplitudes of the square wave; the lower ones for causes that bend with it"),
     "spacing_s": (1100.0, "shortest time between two starts; the quiet pieces on both sides need 1020"),
     "windows": ("", "times of the day in which manoeuvres may be, such as '02:10-04:00, 05:40-07:15'; empty: all"),

@@ -4,6 +4,7 @@ Where manoeuvres share nothing but the result, what they tell adds, and their nu
 whole sessions are flown, and that with the least errors is chosen (`sessions`).
 """
 
+import functools
 import itertools
 import re
 import shutil
@@ -26,7 +27,8 @@ from gravcal.store.product import MEASURED
 from tasks import discovery
 from tasks.stage import read
 
-FLIGHTS = 3  # that numbers are chosen by, with other orbits and times, and as many that a design is judged by
+FLIGHTS = 3  # that numbers are chosen by, with other orbits and times
+JUDGES = range(FLIGHTS + 1, 2 * FLIGHTS + 1)  # as many that a design is judged by
 #: A session is judged by more flights, where its errors differ from one to the next: until their mean is known so well.
 KNOWN, MOST = 0.05, 24
 #: Share of drawn orbits that have to have room for a design.
@@ -62,13 +64,16 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
     for slug in causes:
         effect(slug)  # raises where there is none
     usual = sum(m.count * m.duration_s for m in catalog.design(one.design).manoeuvres) / 60
-    chosen = chosen_for(name, limits)
-    noise = noise_of(one, satellite, chosen)
+    noise = noise_of(one, satellite, configurations.chosen(name, {}))
     with tempfile.TemporaryDirectory(prefix="gravcal-design-") as folder, other_store(str(Path(folder) / "store")):
-        place = Place(one, Path(folder), satellite, date, limits, chosen, say, noise["settings"])
-        plan, new, old = (
-            place.of_library(minutes or usual, causes) if one.library else place.best(minutes or usual, causes)
-        )
+        place = Place(one, Path(folder), satellite, date, limits, say, noise["settings"])
+        if one.library:
+            options = [place.at(period) for period in np.atleast_1d(limits["period_s"]).tolist()]
+            found = [(*option.of_library(minutes or usual, causes), option) for option in options]
+            _, plan, new, place = min(found, key=lambda one: one[0])
+            old = place.at(catalog.design(one.design).manoeuvres[0].period_s).published(causes)
+        else:
+            plan, new, old = place.best(minutes or usual, causes)
         document = {
             "calibration": name,
             "satellite": satellite,
@@ -90,12 +95,6 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
         )
         output.write_json(document, Path(out) / "design.json")
     return document
-
-
-def chosen_for(name, limits):
-    """Settings of a calibration that looks for manoeuvres of the period of the limits, where it looks for one."""
-    chosen = configurations.chosen(name, {})
-    return chosen.with_settings({n: limits[n] for n in {"period_s"} & set(chosen.entries) & set(limits)})
 
 
 def noise_of(one, satellite, chosen):
@@ -126,12 +125,42 @@ def plan_text(calibration, plan, source):
 class Place:
     """Where sessions are flown: a calibration, a folder, and what all flights share."""
 
-    def __init__(self, one, folder, satellite, date, limits, chosen, say, noise=None):
+    def __init__(self, one, folder, satellite, date, limits, say, noise=None):
         self.one, self.folder, self.satellite, self.date = one, folder, satellite, date
-        self.limits, self.chosen, self.say, self.noise = limits, chosen, say, noise or {}
+        self.limits, self.say, self.noise = limits, say, noise or {}
+
+    def at(self, period):
+        """The same place for manoeuvres of one period, s."""
+        about = self.folder, self.satellite, self.date, self.limits | {"period_s": period}, self.say, self.noise
+        return Place(self.one, *about)
+
+    @functools.cached_property
+    def chosen(self):
+        """Settings of the calibration, which looks for the period of the limits, where it looks for one."""
+        usual = configurations.chosen(self.one.name, {})
+        return usual.with_settings({n: self.limits[n] for n in {"period_s"} & set(usual.entries) & set(self.limits)})
+
+    def published(self, causes):
+        """Errors and odds of the published session, flown with the orbits and times that a design is judged by."""
+        flights = [self.flown(f"session-{seed}", self.one.design, seed, causes) for seed in JUDGES]
+        counts = np.array([m.count for m in catalog.design(self.one.design).manoeuvres])
+        return self.judged(flights, counts, causes)
+
+    def judged(self, flights, counts, causes):
+        """Errors and odds of a design with so many (n,) of each manoeuvre of flights."""
+        spread, apart = design.judged(design.pooled(flights), counts, list(itertools.combinations(causes, 2)))
+        sigma = dict(zip(flights[-1].parameters, np.sqrt(np.diag(spread)).tolist(), strict=True))
+        unit = dict.fromkeys(sigma, flights[-1].unit)
+        return {"sigma": sigma, "unit": unit, "trace": float(np.trace(spread)), "separated": _odds(apart, self.tied)}
+
+    def loss(self, judged):
+        """What a design is chosen by: its trace, and pairs of causes that it does not tell apart."""
+        wanted = design.needed(self.limits["probability"], self.tied)
+        apart = {tuple(row["causes"]): row["chi2"] for row in judged["separated"]}
+        return np.log(judged["trace"]) + design.short(apart, wanted)
 
     def of_library(self, minutes, causes):
-        """Plan of the best manoeuvres of a library, and errors and odds of it and of the published session."""
+        """What the best manoeuvres of a library are chosen by, their plan, and its errors and odds."""
         limits = self.limits
         count = round(minutes * 60 / limits["duration_s"])
         if count < 1:
@@ -139,28 +168,19 @@ class Place:
             refuse("--budget", f"{minutes} minutes", expected, "Give more.")
         tables = [table | {"count": 1} for table in self.one.library(limits, causes)]
         pairs, tied = list(itertools.combinations(causes, 2)), self.tied
-        flights, published = [], []
-        for seed in range(1, 2 * FLIGHTS + 1):
-            self.say(f"flight {seed} of {2 * FLIGHTS}: {len(tables)} manoeuvres to choose from")
-            flights.append(self.flown(f"library-{seed}", tables, seed, causes))
-            if seed > FLIGHTS:
-                published.append(self.flown(f"session-{seed}", self.one.design, seed, causes))
-        allowed, usual = np.full(len(tables), int(limits["most"])), catalog.design(self.one.design).manoeuvres
-        wanted = design.needed(limits["probability"], tied)
+        flights = []
+        for seed in (*range(1, 1 + FLIGHTS), *JUDGES):
+            self.say(f"flight {seed} of {JUDGES[-1]}: {len(tables)} manoeuvres to choose from")
+            flights.append(self.flown(f"library-{limits['period_s']}-{seed}", tables, seed, causes))
+        allowed, wanted = np.full(len(tables), int(limits["most"])), design.needed(limits["probability"], tied)
         day = (datetime.fromisoformat(self.date) - calibrations.EPOCH).total_seconds()
         how = catalog.parameters(f"simulate_{self.one.name}").with_settings(self.settings("library", tables))
         share = self.one.room(catalog.satellite(self.satellite).settings(), how, day)
         fits = lambda counts: share(counts) >= ROOM  # noqa: E731
         counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, allowed, pairs, wanted, fits)
-        found = design.judged(design.pooled(flights[FLIGHTS:]), counts, pairs)
-        before = design.judged(design.pooled(published), np.array([m.count for m in usual]), pairs)
         plan = [t | {"count": int(n)} for t, n in zip(tables, counts, strict=True) if n]
-        said, unit = [], flights[-1].unit
-        for spread, apart in (found, before):
-            sigma = dict(zip(flights[-1].parameters, np.sqrt(np.diag(spread)).tolist(), strict=True))
-            said.append({"sigma": sigma, "unit": dict.fromkeys(sigma, unit)})
-            said[-1] |= {"trace": float(np.trace(spread)), "separated": _odds(apart, tied)}
-        return plan, *said
+        chosen_by, said = (self.judged(some, counts, causes) for some in (flights[:FLIGHTS], flights[FLIGHTS:]))
+        return self.loss(chosen_by), plan, said
 
     def best(self, minutes, causes):
         """Plan of the session with the least errors, beside those of the published one, and the errors of both."""

@@ -156,9 +156,7 @@ def test_constraints_are_named_and_a_calibration_without_library_is_refused(tmp_
         flight_of.windows("two to four")
     path.write_text("parameters = ['x']\n")
     ranging = calibration.load("kbr_phase_centre")
-    place = flow.Place(
-        ranging, None, "CD", "", flow.constraints(ranging.name, path), configurations.chosen(ranging.name, {}), print
-    )
+    place = flow.Place(ranging, None, "CD", "", flow.constraints(ranging.name, path), print)
     place.errors = lambda *_, **__: ({"C x": (1.0, 1.0, "mm"), "C y": (1.0, 1.0, "mm")}, {})
     with pytest.raises(GravcalError, match="of C x, C y"):
         place.best(1.0, ())
@@ -277,13 +275,12 @@ def test_errors_of_a_design_grow_with_the_noise_of_the_last_event(tmp_path):
     assert noise["of"] == "grace-c-2020-03-01 (simulated)"
     assert flow.noise_of(one, "D", chosen)["of"] == "the catalogue"
     limits = flow.constraints(one.name) | {"rods": ["x", "y"], "latitude_deg": [60.0, 80.0], "period_s": 8.0}
-    chosen = flow.chosen_for(one.name, limits)
     causes = "torque.dipole_gain", "torque.saturation"
     assert len(one.library(limits)) == 2
     tables = [table | {"count": 1} for table in one.library(limits, causes)]
     assert [table["current_ma"] for table in tables] == [110.0, 55.0, 110.0, 55.0]
     for settings in ({}, noise["settings"]):
-        about = tmp_path, "C", "2026-03-01", limits, chosen, print, settings
+        about = tmp_path, "C", "2026-03-01", limits, print, settings
         with other_store(str(tmp_path / "other")):
             flown = flow.Place(one, *about).flown("flight", tables, 7, causes)
         sigma.append(np.sqrt(np.diag(design.covariance(flown, np.ones(4, int)))))
