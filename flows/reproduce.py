@@ -4,7 +4,6 @@ What a paper consists of stands in `catalog/published/papers.toml`, what is comp
 """
 
 import base64
-import csv
 import datetime
 import html
 import re
@@ -17,7 +16,7 @@ from gravcal import catalog
 from gravcal.browse import timeline
 from gravcal.errors import GravcalError, ProductError
 from gravcal.io import archive, fetch
-from gravcal.report import history, pages
+from gravcal.report import history, pages, plain
 from gravcal.store import configurations, schemas
 
 RUNS = ("as_printed", "corrected")
@@ -171,13 +170,13 @@ def _wrapped(text):
 
 def _write(out, document):
     """Tables as CSV, gallery as Markdown and as a page with the figures of both runs."""
-    with (out / "comparison.csv").open("w", newline="") as stream:
-        writer = csv.writer(stream)
-        writer.writerow(["item", "row", "unit", *(f"{n}{s}" for n in ("printed", *RUNS) for s in ("", "_sigma"))])
-        for item in document["items"]:
-            for row in item["rows"]:
-                numbers = [x for n in ("printed", *RUNS) for x in row[n]]
-                writer.writerow([item["name"], row["row"], item["unit"], *numbers])
+    heads = ["item", "row", "unit", *(f"{n}{s}" for n in ("printed", *RUNS) for s in ("", "_sigma"))]
+    every = (
+        [item["name"], row["row"], item["unit"], *(x for n in ("printed", *RUNS) for x in row[n])]
+        for item in document["items"]
+        for row in item["rows"]
+    )
+    (out / "comparison.csv").write_text(plain.csv_text(heads, every))
     lines, parts = [], []
     for item in document["items"]:
         said = item.get("reason") or item["difference"]

@@ -1,9 +1,7 @@
 """Figures of one or two products and of results over the years: drawn by Bokeh, data at the resolution of the view."""
 
 import base64
-import csv
 import datetime
-import io
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -17,7 +15,7 @@ from bokeh.themes import Theme
 
 from gravcal.browse import series, store_index, timeline
 from gravcal.report.figures import COLOURS
-from gravcal.report.plain import gps_text
+from gravcal.report.plain import csv_text, gps_text
 from gravcal.store.results import rounded
 
 LINES = [COLOURS[name] for name in ("blue", "vermilion", "green", "purple", "sky", "orange")]
@@ -129,7 +127,7 @@ def table(wish: Wish, start=None, stop=None) -> str:
         curves = [(one.label, *series.spectrum(one.whole)) for one in traces]
         rows = [(label, f, d) for label, *curve, _ in curves for f, d in zip(*curve, strict=True)]
         said = "".join(f"# {text}\n" for text in dict.fromkeys(text for *_, text in curves))
-        return said + _csv_of(("series", "frequency (Hz)", f"density of {unit}, Hz-1/2"), rows)
+        return said + csv_text(("series", "frequency (Hz)", f"density of {unit}, Hz-1/2"), rows)
     timed = bool(traces) and traces[0].kind == "time"
     heads = ("series", *(("GPS time (s)", "calendar (GPS)") if kind == "time" else (along,)), unit)
     heads += (f"{wish.variable}, calendar (GPS)",) * timed
@@ -139,14 +137,7 @@ def table(wish: Wish, start=None, stop=None) -> str:
         stamps = [(t, gps_text(t, 3)) if kind == "time" else (t,) for t in (x + one.shift).tolist()]
         values = [(t, gps_text(t, 3) if np.isfinite(t) else "") if timed else (t,) for t in y.tolist()]
         rows += [(one.label, *stamp, *value) for stamp, value in zip(stamps, values, strict=True)]
-    return _csv_of(heads, rows)
-
-
-def _csv_of(heads, rows):
-    """Rows as CSV."""
-    text = io.StringIO()
-    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
-    return text.getvalue()
+    return csv_text(heads, rows)
 
 
 def _traces(wish):

@@ -1,8 +1,6 @@
 """Results over the years: one panel for each component, with errors, verdicts, mass trims and printed values."""
 
-import csv
 import datetime
-import io
 import re
 from dataclasses import dataclass
 
@@ -10,6 +8,7 @@ from gravcal import catalog
 from gravcal.browse import store_index
 from gravcal.errors import CatalogError
 from gravcal.report.documents import WITH_RESULT
+from gravcal.report.plain import csv_text
 
 EPOCH = datetime.datetime(2000, 1, 1, 12)
 CATALOGUE = (
@@ -71,11 +70,7 @@ def delivered(calibrations, link) -> list[dict]:
 
 def csv_of(rows) -> str:
     """Rows of `delivered` as CSV with a line of names; what is not known is empty."""
-    text = io.StringIO()
-    table = csv.DictWriter(text, CATALOGUE, lineterminator="\n")
-    table.writeheader()
-    table.writerows(rows)
-    return text.getvalue()
+    return csv_text(CATALOGUE, ([row[name] for name in CATALOGUE] for row in rows))
 
 
 def printed_points(calibration, satellite: str) -> list[Point]:

@@ -1,6 +1,8 @@
 """Plain values of a result document (what is not known becomes null, never NaN), and numbers as people read them."""
 
+import csv
 import datetime
+import io
 import math
 import re
 
@@ -66,6 +68,13 @@ def as_plain(value):
     if isinstance(value, (float, np.floating)):
         return number(value)
     return value if value is None else str(value)
+
+
+def csv_text(heads, rows):
+    """Table as the text of a CSV file; what is None is empty."""
+    text = io.StringIO()
+    csv.writer(text, lineterminator="\n").writerows([heads, *rows])
+    return text.getvalue()
 
 
 def gps_text(seconds, digits=0):
