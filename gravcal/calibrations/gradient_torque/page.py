@@ -247,8 +247,8 @@ def _spectra(torque):
 @figure(
     "gradient",
     "torque",
-    caption="Gravity-gradient torque on the satellite by equation 1, and by equations 2 and 3 as printed with the "
-    "difference of gravity over two places.",
+    caption="Gravity-gradient torque on the satellite by equation 1 of the paper, and by its equations 2 and 3 "
+    "with the difference of gravity over two places.",
 )
 def _printed_torque(modelled, torque):
     titles, margins = [f"about {axis}" for axis in AXES], {"wspace": 0.06}
