@@ -101,7 +101,8 @@ def _named(found, key, cause):
     """Parameters of a cause of a run as printed, {name: text}; none where it did not run or did not name it."""
     causes = {one["cause"]: one for one in found.get(key, {"findings": []})["findings"]}
     own = causes.get(cause, {"parameters": {}})["parameters"]
-    return {name: f"{one['value']:.3g} +- {one['sigma'] or 0:.2g} {one['unit']}" for name, one in own.items()}
+    unit = {name: "" if one["unit"] == "1" else f" {one['unit']}" for name, one in own.items()}
+    return {name: f"{one['value']:.3g} +- {one['sigma'] or 0:.2g}{unit[name]}" for name, one in own.items()}
 
 
 def _thrusters(found):
