@@ -100,6 +100,9 @@ class Combination:
     #: chi2, dof: disagreement of the blocks with the joint value, shared errors free within their prior
     chi2: float
     dof: int
+    #: noise, own: (p, p), parts of the covariance by the noise and by the errors of single blocks
+    noise: np.ndarray
+    own: np.ndarray
 
 
 def combine(
@@ -122,11 +125,16 @@ def combine(
     size, vectors = np.linalg.eigh(sum(information))
     used = vectors[:, size > 10 * np.abs(np.diag(prior)).max()]  # a noisy normal matrix may cancel the prior elsewhere
     value = used @ stable_inverse(used.T @ normal @ used) @ used.T @ right
-    move = stable_inverse(total) @ sum(i @ m.T for i, m in zip(information, shared, strict=True))
+    inverse = stable_inverse(total)
+    move = inverse @ sum(i @ m.T for i, m in zip(information, shared, strict=True))
     residuals = [w @ (s.right - s.normal @ value) for w, s in zip(weight, scores, strict=True)]
     modes = [i @ m.T for i, m in zip(information, shared, strict=True)]
     chi2, dof = _disagreement(residuals, information, modes)
-    return Combination(value, covariance(total), move.T, chi2, dof)
+    # with P = W I the parts of T^-1, T = sum P, are T^-1 (sum P I^-1 P) T^-1 and T^-1 (sum P M M' P) T^-1
+    noise = sum(w @ s.information @ w.T for w, s in zip(weight, scores, strict=True))
+    moved = [one @ m.T for one, m in zip(weighted, own, strict=True)]
+    parts = (inverse @ part @ inverse.T for part in (noise, sum(m @ m.T for m in moved)))
+    return Combination(value, covariance(total), move.T, chi2, dof, *parts)
 
 
 def weakening(information: np.ndarray, modes: np.ndarray) -> np.ndarray:

@@ -342,22 +342,11 @@ def _joint(solved):
         "covariance": total,
         "covariance_total": total + given.T @ given,
         "catalogue": given,
-        **_parts(scores, list(shift[:, ~shared])),
+        "noise": joined.noise,
+        "own": joined.own,
         "chi2": joined.chi2,
         "dof": joined.dof,
     }
-
-
-def _parts(scores, own):
-    """Covariance of a combination in two parts, of the noise of the linear channels and of the own modes.
-
-    With P = (I^-1 + M M')^-1, T = sum P: of the noise T^-1 (sum P I^-1 P) T^-1, of the modes T^-1 (sum P M M' P) T^-1.
-    """
-    weight = [least_squares.weakening(s.information, m) for s, m in zip(scores, own, strict=True)]
-    total = least_squares.stable_inverse(PRIOR + sum(w @ s.information for w, s in zip(weight, scores, strict=True)))
-    noise = sum(w @ s.information @ w.T for w, s in zip(weight, scores, strict=True))
-    moves = [m @ (w @ s.information).T for w, s, m in zip(weight, scores, own, strict=True)]
-    return {"noise": total @ noise @ total.T, "own": total @ sum(m.T @ m for m in moves) @ total.T}
 
 
 def _single_covariances(solved):

@@ -75,15 +75,6 @@ class Segments:
     amplitude: np.ndarray  # (s, 2, 2) m s-2, non-gravitational acceleration along x and z of o, by x and by z
 
 
-@dataclass(frozen=True)
-class RobustMean:
-    """Mean, its sigma and the standard deviation of the slow wander."""
-
-    value: float
-    sigma: float
-    wander: float
-
-
 def sensor_of(swing: tuple[xr.Dataset, ...], assumed: Mapping) -> Sensor:
     """Scale factors and offset of the swing's (scale, offset), or assumed ones where there is none: ().
 
@@ -269,8 +260,8 @@ def redness(residual: np.ndarray, step_s: float) -> np.ndarray:
     return np.sqrt(np.maximum([m.density(slow).mean() for m in models] / white, 1.0))
 
 
-def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = ()) -> RobustMean:
-    """Mean over the time covered, of values that stand out from their neighbours no more than a limit.
+def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = ()) -> tuple[float, float, float]:
+    """Mean over the time covered, its sigma and the slow wander, of values that stand out from their neighbours little.
 
     Its error comes from the error of every value; what the values scatter beyond it is a slow wander, which a mean over
     the time covered rightly contains. So a value is judged by its neighbours: judged by the mean of all, wander would
@@ -279,7 +270,7 @@ def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = 
     than three values; missing are the lengths of the runs left out between them.
     """
     if values.size < 3:
-        return RobustMean(float(np.mean(values)) if values.size else np.nan, np.nan, np.nan)
+        return float(np.mean(values)) if values.size else np.nan, np.nan, np.nan
     white = np.sqrt(np.mean(sigma**2))
     local = median_filter(values, size=min(NEIGHBOURS, values.size), mode="mirror")
     left = values - local
@@ -287,7 +278,7 @@ def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = 
     drawn = local + np.minimum(1.0, limit / np.maximum(np.abs(left), 1e-300)) * left
     wander = np.sqrt(max(np.var(drawn, ddof=1) - white**2, 0.0))
     unobserved = wander * np.linalg.norm(missing) / (values.size + sum(missing))
-    return RobustMean(float(drawn.mean()), float(np.hypot(white / np.sqrt(values.size), unobserved)), float(wander))
+    return float(drawn.mean()), float(np.hypot(white / np.sqrt(values.size), unobserved)), float(wander)
 
 
 def estimates(solved: Segments, sensor: Sensor) -> dict:
@@ -302,10 +293,11 @@ def estimates(solved: Segments, sensor: Sensor) -> dict:
     edges = np.flatnonzero(np.diff(np.concatenate([[1], used, [1]]).astype(int)))
     lost = (edges[1::2] - edges[::2]).tolist()
     sigma = solved.sigma[used]
-    means = [robust_mean(-solved.constant[used, axis], sigma[:, axis], lost) for axis in range(3)]
-    volts = [robust_mean(-solved.volt[used, axis], sigma[:, axis] / sensor.k[axis], lost) for axis in range(3)]
+    values, readings = -solved.constant[used].T, -solved.volt[used].T
+    value, statistical, wander = np.transpose([robust_mean(*one, lost) for one in zip(values, sigma.T, strict=True)])
+    of_volts = zip(readings, (sigma / sensor.k).T, strict=True)
+    volt, volt_sigma, _ = np.transpose([robust_mean(*one, lost) for one in of_volts])
     slope = solved.offset_slope[used].mean(axis=0)
-    value, statistical = (np.array([getattr(m, name) for m in means]) for name in ("value", "sigma"))
     common, wider = (
         np.sqrt(np.diag(slope @ matrix @ slope.T)) for matrix in (sensor.covariance, sensor.covariance_total)
     )
@@ -314,12 +306,12 @@ def estimates(solved: Segments, sensor: Sensor) -> dict:
         "bias": value,
         "bias_sigma": np.hypot(statistical, common),
         "bias_sigma_total": np.hypot(np.hypot(statistical, wider), factor),
-        "bias_volt": [m.value for m in volts],
-        "bias_volt_sigma": [m.sigma for m in volts],
+        "bias_volt": volt,
+        "bias_volt_sigma": volt_sigma,
         "statistical_sigma": statistical,
         "offset_sigma": common,
         "factor_sigma": factor,
-        "wander": [m.wander for m in means],
+        "wander": wander,
         "offset_effect": -slope @ sensor.offset,
         "amplitude": solved.amplitude[used].mean(axis=0),
     }
