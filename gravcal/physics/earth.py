@@ -13,16 +13,7 @@ import erfa
 import numpy as np
 import scipy
 
-from gravcal.physics import check_shape, refuse
-from gravcal.physics.constants import (
-    ARCSECOND,
-    DAY,
-    EARTH_ROTATION_RATE,
-    GPS_EPOCH_JD,
-    GPS_EPOCH_MJD,
-    TAI_MINUS_GPS,
-    TT_MINUS_GPS,
-)
+from gravcal.physics import check_shape, constants, refuse
 
 PRECESSION_STEP = 3 * 3600.0  # s; the fastest nutation takes days, a cubic over 3 h is good to 1e-13 rad
 
@@ -72,7 +63,7 @@ def state_to_fixed(time_gps, position_i, velocity_i):
 
 def gps_to_tt(time_gps):
     """Terrestrial Time as a two-part Julian date (n,), (n,)."""
-    return _julian(np.asarray(time_gps, float), TT_MINUS_GPS)
+    return _julian(np.asarray(time_gps, float), constants.TT_MINUS_GPS)
 
 
 def geodetic(position_e):
@@ -108,8 +99,8 @@ def R_en_from_position(position_e, geocentric_down=False):
 
 def _julian(time, offset):
     """Two-part Julian date of seconds past the GPS epoch plus an offset, the second part a fraction of a day."""
-    day = np.floor(time / DAY)
-    return GPS_EPOCH_JD + day, ((time - day * DAY) + offset) / DAY
+    day = np.floor(time / constants.DAY)
+    return constants.GPS_EPOCH_JD + day, ((time - day * constants.DAY) + offset) / constants.DAY
 
 
 def _orientation(time_gps):
@@ -120,11 +111,11 @@ def _orientation(time_gps):
     xp, yp, ut1_minus_tai, dx, dy = orientation_parameters(time)
     (x, y, s), (x_dot, y_dot) = _pole(time)
     celestial = erfa.c2ixys(x + dx, y + dy, s)
-    era = erfa.era00(*_julian(time + TAI_MINUS_GPS, ut1_minus_tai))
+    era = erfa.era00(*_julian(time + constants.TAI_MINUS_GPS, ut1_minus_tai))
     wobble = erfa.pom00(xp, yp, erfa.sp00(*gps_to_tt(time)))
     R = erfa.c2tcio(celestial, era, wobble)
     precession = np.stack([-y_dot, x_dot, np.zeros_like(x)], axis=-1)  # pole x its rate, the pole being near z
-    return R, EARTH_ROTATION_RATE * wobble[..., 2] + np.matvec(R, precession)
+    return R, constants.EARTH_ROTATION_RATE * wobble[..., 2] + np.matvec(R, precession)
 
 
 def _pole(time):
@@ -144,11 +135,11 @@ def _pole_at(time):
 TABLES = Path(astropy_iers_data.__file__).parent / "data"
 # Columns of finals2000A in characters from 0: (final values of Bulletin B, rapid ones and predictions of Bulletin A)
 COLUMNS = {
-    "xp": ((134, 144), (18, 27), ARCSECOND),
-    "yp": ((144, 154), (37, 46), ARCSECOND),
+    "xp": ((134, 144), (18, 27), constants.ARCSECOND),
+    "yp": ((144, 154), (37, 46), constants.ARCSECOND),
     "ut1_minus_utc": ((154, 165), (58, 68), 1.0),
-    "dx": ((165, 175), (97, 106), 1e-3 * ARCSECOND),
-    "dy": ((175, 185), (116, 125), 1e-3 * ARCSECOND),
+    "dx": ((165, 175), (97, 106), 1e-3 * constants.ARCSECOND),
+    "dy": ((175, 185), (116, 125), 1e-3 * constants.ARCSECOND),
 }
 
 
@@ -180,10 +171,10 @@ def _table():
         column = np.where(np.isfinite(best), best, other) * unit
         known = np.flatnonzero(np.isfinite(column))
         values[name] = column[known[np.clip(np.searchsorted(known, np.arange(column.size)), 0, known.size - 1)]]
-    utc = (_numbers(lines, 7, 15) - GPS_EPOCH_MJD) * DAY
+    utc = (_numbers(lines, 7, 15) - constants.GPS_EPOCH_MJD) * constants.DAY
     rows = np.loadtxt(TABLES / "Leap_Second.dat", comments="#")
-    midnight, leap = (rows[:, 0] - GPS_EPOCH_MJD) * DAY, rows[:, -1]
+    midnight, leap = (rows[:, 0] - constants.GPS_EPOCH_MJD) * constants.DAY, rows[:, -1]
     leap = leap[np.clip(np.searchsorted(midnight, utc, side="right") - 1, 0, None)]
-    time = utc + leap - TAI_MINUS_GPS
+    time = utc + leap - constants.TAI_MINUS_GPS
     ut1_minus_tai = values["ut1_minus_utc"] - leap
     return np.stack([time, values["xp"], values["yp"], ut1_minus_tai, values["dx"], values["dy"]])

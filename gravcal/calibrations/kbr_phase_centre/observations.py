@@ -22,20 +22,7 @@ from gravcal.calibrations.kbr_phase_centre.estimate import of_manoeuvres
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, PARAMETERS, angles, middle
 from gravcal.effects import Context, Effect, catalogue, effect
 from gravcal.effects.ranging import ripples
-from gravcal.estimation import crn
-from gravcal.estimation.records import (
-    Block,
-    Candidate,
-    Entry,
-    Fitted,
-    LineSearch,
-    Observations,
-    Parameter,
-    Reported,
-    Shape,
-    at_epoch,
-    epoch_of,
-)
+from gravcal.estimation import crn, records
 from gravcal.estimation.resampling import Resampler
 from gravcal.physics import frames, orbit_environment
 
@@ -164,7 +151,7 @@ def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> x
 
 
 @dataclass(frozen=True)
-class Ranging(Observations):
+class Ranging(records.Observations):
     """Observations of a campaign; signals, noise, blocks and candidates are made when they are asked for."""
 
     #: aligned, measured: Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.noise"
@@ -186,7 +173,7 @@ class Ranging(Observations):
     parameters = PARAMETERS
     unit, scale = "mm", np.full(6, 1e3)
     step = BREAK
-    lines = (LineSearch("range", -1, "unknown:time", "m"),)
+    lines = (records.LineSearch("range", -1, "unknown:time", "m"),)
     periods = {250.0: 4, 5640.0: 12}  # s, of the wiggle by design, and of the orbit as far as its errors reach
 
     @property
@@ -207,7 +194,7 @@ class Ranging(Observations):
         return {"range": 1 / (1 / max(samples, 1.0) + 1 / max(inside, 1))}
 
     @functools.cached_property
-    def signals(self) -> list[Candidate]:
+    def signals(self) -> list[records.Candidate]:
         """Effects of the catalogue, then regressors, on whole seconds."""
         known = effects_of(self.context, self.start.reshape(2, 3))
         return known + drivers(self.context, [half.time[0] for half in self.halves])
@@ -232,7 +219,7 @@ class Ranging(Observations):
         return noise.factors(self.fitted, [half.stretch for half in self.halves])
 
     @functools.cached_property
-    def blocks(self) -> list[Block]:
+    def blocks(self) -> list[records.Block]:
         """One block a half, and one with where the phase centres are on the satellite, as far as that is known.
 
         A phase front that is curved alike in pitch and yaw is the phase centre's x by definition, and a turn of the
@@ -243,16 +230,16 @@ class Ranging(Observations):
             column = self.column[half.rows] - self.column[half.rows].mean(axis=0)  # x is all bias where nothing turns
             rows = noise.white(factor, np.column_stack([self.residual[half.rows], column, half.slow]))
             channel, axis = np.array(["range"] * half.time.size), np.zeros(half.time.size, dtype=int)
-            made.append(Block(half.label, rows[:, 0], rows[:, 1:7], rows[:, 7:], channel, axis, half.time))
+            made.append(records.Block(half.label, rows[:, 0], rows[:, 1:7], rows[:, 7:], channel, axis, half.time))
         if made:
             place, sigma = 1e-3 * np.array([self.expected[name] for name in self.parameters]).T
             about = np.array(["prior"] * 6), np.tile([0, 1, 2], 2), np.arange(6, dtype=float)
             rows = (place - self.start) / sigma, np.diag(1 / sigma), np.zeros((6, 0))
-            made.append(Block("known beforehand", *rows, *about))
+            made.append(records.Block("known beforehand", *rows, *about))
         return made
 
     @functools.cached_property
-    def candidates(self) -> list[Candidate]:
+    def candidates(self) -> list[records.Candidate]:
         """Effects as a whole and parameter by parameter, regressors, and phase breaks at many epochs."""
         parts = zip(self.halves, self.factors, strict=True)
         rows = [noise.white(factor, self.filtered[half.rows]) for half, factor in parts]
@@ -285,10 +272,10 @@ class Ranging(Observations):
 
         ends = 1 / (1 / period + np.degrees(RIPPLE_STEP) * np.array([1, -1]))
         about = np.array([period]), columns, np.linspace(*ends, 9)[:, None], *ends[:, None]
-        shape = Shape(("period",), ("rad",), *about, words=form)
+        shape = records.Shape(("period",), ("rad",), *about, words=form)
         return replace(whole.part(used, form), form=f"{whole.form}{form and ', '}{form}", shape=shape)
 
-    def breaks(self, epochs: np.ndarray) -> list[Candidate]:
+    def breaks(self, epochs: np.ndarray) -> list[records.Candidate]:
         """Phase breaks at given epochs (k,) s of one sub-manoeuvre."""
         near = [k for k, half in enumerate(self.halves) if any(half.feels(epoch) for epoch in epochs)]
         columns = {k: noise.white(self.factors[k], self._steps(self.halves[k], epochs)) for k in near}
@@ -301,7 +288,7 @@ class Ranging(Observations):
             parts.append(None)
             label = next(half.label for half in self.halves if half.feels(epoch)).rpartition(" ")[0]
             form = f"{label}, time {epoch:.0f} s"
-            made.append(Candidate(at_epoch(BREAK, epoch), form, ["size"], ["m"], parts, [1e-2]))
+            made.append(records.Candidate(records.at_epoch(BREAK, epoch), form, ["size"], ["m"], parts, [1e-2]))
         return made
 
     def _steps(self, half, epochs):
@@ -309,7 +296,7 @@ class Ranging(Observations):
         part = {name: getattr(self.through, name)[half.rows] for name in ("time", "start", "weights", "valid")}
         return replace(self.through, **part)((self.context.time[:, None] >= epochs).astype(float))
 
-    def wave(self, search: LineSearch) -> Callable[[int, float], np.ndarray]:  # noqa: ARG002 - there is one
+    def wave(self, search: records.LineSearch) -> Callable[[int, float], np.ndarray]:  # noqa: ARG002 - there is one
         """Whitened cosine and sine (n, 2) of a line in a half, by its number and the frequency in Hz."""
 
         def columns(k, frequency):
@@ -326,24 +313,24 @@ class Ranging(Observations):
         model = self.column[half.rows] @ self.start
         return half.time, model[:, None], (self.factors[number] @ rows).T[:, :, None]
 
-    def near(self, fitted: Fitted) -> list[Candidate]:
+    def near(self, fitted: records.Fitted) -> list[records.Candidate]:
         """Phase breaks at epochs near that of a finding."""
-        return self.breaks(epoch_of(fitted.candidate.cause) + FINE_S)
+        return self.breaks(records.epoch_of(fitted.candidate.cause) + FINE_S)
 
     def spacing(self, epoch: float) -> float:  # noqa: ARG002
         """Spacing s of the search for phase breaks."""
         return BREAK_STEP_S
 
-    def physical(self, entry: Entry, fitted: Fitted) -> Entry:
+    def physical(self, entry: records.Entry, fitted: records.Fitted) -> records.Entry:
         """A ripple with its period."""
         shape = fitted.candidate.shape
         if shape is None or entry.cause != RIPPLE:
             return entry
         sigma = None if shape.covariance is None else float(np.sqrt(shape.covariance[0, 0]))
-        period = Parameter(float(shape.value[0]), sigma, "rad")
+        period = records.Parameter(float(shape.value[0]), sigma, "rad")
         return replace(entry, parameters=dict(entry.parameters) | {"period": period})
 
-    def without(self, model: Sequence[Entry]) -> xr.Dataset:
+    def without(self, model: Sequence[records.Entry]) -> xr.Dataset:
         """Aligned records without the effects of a model.
 
         Readings less the contribution of their effects through the filter of the ranging; attitudes turned back, at the
@@ -424,7 +411,7 @@ def turning(aligned: xr.Dataset, line_b: np.ndarray) -> np.ndarray:
     return result
 
 
-def effects_of(context: Context, centre: np.ndarray) -> list[Candidate]:
+def effects_of(context: Context, centre: np.ndarray) -> list[records.Candidate]:
     """Effects of the catalogue that a ranging calibration can show, with one column (n, q) m on whole seconds.
 
     A ripple with the angles has the columns of both satellites, and its period, rad, for a place.
@@ -459,7 +446,7 @@ def _of_attitude(entry: Effect, context, centre, those):
     return -np.einsum("na,naq->nq", arm, entry.columns(context))
 
 
-def drivers(context: Context, starts: Sequence[float]) -> list[Candidate]:
+def drivers(context: Context, starts: Sequence[float]) -> list[records.Candidate]:
     """Regressors for effects that are in no list; a rate times its angle is a late star camera."""
     extra, time = context.extra, context.time
     angle = np.nan_to_num(extra["angle"].reshape(-1, 4)) / SIZE
@@ -498,7 +485,7 @@ def drivers(context: Context, starts: Sequence[float]) -> list[Candidate]:
 
 
 def _driver(channel, form, names, columns):
-    return Candidate(f"unknown:{channel}", form, names, ["m"] * len(names), [columns])
+    return records.Candidate(f"unknown:{channel}", form, names, ["m"] * len(names), [columns])
 
 
 def _each(channel, form, values):
@@ -514,7 +501,7 @@ def _lagged(values, lag_s):
     return lfilter([1 - keep], [1, -keep], values, axis=0)
 
 
-def _of_satellites(whole: Candidate) -> list[Candidate]:
+def _of_satellites(whole: records.Candidate) -> list[records.Candidate]:
     """A cause with the parameters of one satellite, where it has several of each."""
     each = [[k for k, name in enumerate(whole.names) if name.endswith(f"_{letter}")] for letter in "ab"]
     return [whole.part(one, letter) for letter, one in zip("ab", each, strict=True) if len(one) > 1]
@@ -532,4 +519,4 @@ NOTE = (
     "antenna feels the noise of the star cameras, so this part is that of the manoeuvres beside everything that a "
     "listed cause could explain."
 )
-REPORT = Reported(_result, NOTE, {"range": " The distance of the orbits is taken off, and the mean."})
+REPORT = records.Reported(_result, NOTE, {"range": " The distance of the orbits is taken off, and the mean."})
