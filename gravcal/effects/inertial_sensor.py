@@ -34,11 +34,6 @@ def linear_over_angular(mass: float, inertia, arm) -> np.ndarray:
     return np.asarray(inertia) / (mass * np.asarray(arm))
 
 
-def ratio_relative_sigma(relative_mass: float, relative_inertia, relative_arm) -> np.ndarray:
-    """Relative standard deviation (3,) of J/(M l) about each axis from those of mass, inertia and arm."""
-    return np.sqrt(relative_mass**2 + np.asarray(relative_inertia) ** 2 + np.asarray(relative_arm) ** 2)
-
-
 def readouts(volts: np.ndarray) -> np.ndarray:
     """The six combinations (..., 6) V of Table 3: times k or beta linear and angular accelerations along x, y, z."""
     return volts @ READOUT.T

@@ -5,8 +5,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
+from scipy.linalg import block_diag
 from scipy.special import log_ndtr, ndtr
 
+from gravcal.calibrations.causes import whitened
 from gravcal.calibrations.com_offset.align import SCHEMAS, SURVEY_S
 from gravcal.calibrations.schemas import build
 from gravcal.estimation.least_squares import covariance, polynomial, stable_inverse, without
@@ -529,7 +531,7 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
     previous, slow = np.inf, None
     for _ in range(max(choice.iterations, 1)):
         residual, design, slow = _linearised(window, solution, choice, slow)
-        rows = _whitened(residual, design, good, noise)
+        rows = whitened(noise, np.concatenate([residual[:, :, None], design], axis=2), good)
         y, A = rows[:, 0], rows[:, 1:]
         present = {  # distance of each unknown from its prior mean
             "slow": solution.torque_coefficients.ravel(),
@@ -584,12 +586,6 @@ def slow_torque_response(arc: Arc, time, transition, degree: int) -> np.ndarray:
     return propagator(time, transition, np.zeros(0))(basis)
 
 
-def _whitened(residual, design, good, noise):
-    """Residual and columns (3 n, 1 + p) of the three axes, whitened."""
-    stacked = np.concatenate([residual[:, :, None], design], axis=2)
-    return np.concatenate([whiten(noise[axis], stacked[:, axis], good) for axis in range(3)])
-
-
 # Edge times in the angular accelerometer
 
 
@@ -633,9 +629,7 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
         slope = (operator(wave(shift + 0.01)) - operator(wave(shift - 0.01))) / 0.02
         own = rows(np.stack([y, model, scale * slope], axis=2))
         values = np.concatenate([one[:, 0] for one in own])
-        design = np.zeros((values.size, 4))
-        for axis, (place, one) in enumerate(zip(np.split(np.arange(values.size), 3), own, strict=True)):
-            design[place, axis], design[place, 3] = one[:, 1], one[:, 2]
+        design = np.c_[block_diag(*(one[:, 1:2] for one in own)), np.concatenate([one[:, 2] for one in own])]
         inverse = stable_inverse(design.T @ design)
         unknown = inverse @ design.T @ values
         scale = unknown[:3]
@@ -671,10 +665,9 @@ def coarse_shift(y, model, operator: Resampler, drift, noise: list[NoiseModel]) 
         clean[k][valid] = without(drift[valid], series[valid])
     step = float(operator.time[1] - operator.time[0])
     count = int(3.0 / step)
-    lags = np.arange(-count, count + 1)
-    inner = slice(count, len(y) - count)
-    agreement = [np.sum(clean[0][inner] * np.roll(clean[1], lag, axis=0)[inner] * weight) for lag in lags]
-    return float(lags[int(np.argmax(agreement))] * step)
+    inner = weight * clean[0][count : len(y) - count]
+    agreement = sum(np.correlate(clean[1][:, axis], inner[:, axis], "valid") for axis in range(3))
+    return float((count - np.argmax(agreement)) * step)
 
 
 def delay_from_brackets(shift, sigma, lower, upper) -> tuple[float, float]:
@@ -734,7 +727,8 @@ def fit_star_camera_wave(window: Window, fit: Fit, noise: list[NoiseModel], degr
     torque = solution.scale_b * np.cross(unit, field_at(window, fit, time))
     line = np.linalg.lstsq(polynomial(time, 1, arc.origin, arc.stop), torque, rcond=None)[0]
     modelled = np.linalg.solve(arc.inertia, line.T).T.ravel()
-    rows = _whitened(fit.residual + design[:, :, -6:] @ modelled, design, window.good, noise)
+    residual = fit.residual + design[:, :, -6:] @ modelled
+    rows = whitened(noise, np.concatenate([residual[:, :, None], design], axis=2), window.good)
     inverse = stable_inverse(rows[:, 1:].T @ rows[:, 1:])
     unknown = inverse @ rows[:, 1:].T @ rows[:, 0]
     size, vectors = np.linalg.eigh(inverse[-6:, -6:])

@@ -210,7 +210,7 @@ def linear_factors(beta, beta_sigma, geometry: Mapping, k_y: tuple[float, float]
     factor = 2 if printed else 1  # the printed 1/2 in beta makes k twice too large
     ratio = [factor * electrodes.linear_over_angular(geometry["mass"], geometry["inertia"], arm) for arm in arms]
     mass, inertia, arm = (np.array(geometry[f"{n}_sigma"]) / geometry[n] for n in ("mass", "inertia", "arm"))
-    relative = electrodes.ratio_relative_sigma(mass, inertia, arm)
+    relative = np.sqrt(mass**2 + inertia**2 + arm**2)
     k = np.array([[one[1] * beta[1], k_y[0], one[0] * beta[0]] for one in ratio])
     share = np.array([beta_sigma[1] / beta[1], k_y[1] / k_y[0], beta_sigma[0] / beta[0]])
     return {
