@@ -14,7 +14,6 @@ CHANNELS = {
     "electrode_v": "V",  # recorded actuation voltages of an inertial sensor, in the order of its electrodes
     "pointing_b": "rad",  # small rotation from true to measured attitude
     "field_b": "T",  # reading of the magnetometer
-    "current_b": "A",  # telemetered torquer current
     "linear_each_b": "m s-2",  # readings of several test masses, one after the other, linear
     "angular_each_b": "rad s-2",  # the same, angular
     "acc_delay": "s",  # tag minus true time of the accelerometer
