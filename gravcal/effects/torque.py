@@ -1,9 +1,9 @@
 """Torques: the dipole that the rods really make, and torques that are not commanded."""
 
 import numpy as np
-from numba import njit
 
 from gravcal.effects.base import Context, Laws, Parameter, axes, constant, each, scaled, symmetric
+from gravcal.effects.drivers import lagged
 from gravcal.physics.dynamics import gravity_gradient_torque
 
 EFFECTS = Laws()
@@ -26,20 +26,9 @@ def _lag(context: Context, values):
     """First-order lag: tau dm/dt = m_commanded - m, exact for a dipole constant between epochs."""
     if values[0] <= 0:
         return np.zeros_like(context.dipole_b)
-    decay = np.exp(-np.diff(context.time, prepend=context.time[0]) / values[0])
-    commanded = np.ascontiguousarray(context.dipole_b, dtype=float)
-    return lagged(commanded, decay) - commanded
-
-
-@njit(cache=True)
-def lagged(commanded, decay):
-    """Dipole (n, 3) that follows the commanded one, held from epoch to epoch, by the decay (n,) in each step."""
-    out = commanded.copy()
-    for k in range(1, commanded.shape[0]):
-        for axis in range(3):
-            held = commanded[k - 1, axis]
-            out[k, axis] = held + (out[k - 1, axis] - held) * decay[k]
-    return out
+    held = np.concatenate([context.dipole_b[:1], context.dipole_b[:-1]]).astype(float)  # from the epoch before on
+    followed = [lagged(context.time, one.copy(), values[0]) for one in held.T]
+    return np.stack(followed, axis=1) - context.dipole_b
 
 
 def lag_missing(edges: np.ndarray, dipole_b: np.ndarray, tau: float) -> tuple[np.ndarray, np.ndarray]:
