@@ -2,7 +2,6 @@
 
 from dataclasses import dataclass
 
-import numba
 import numpy as np
 
 
@@ -25,28 +24,16 @@ def filter_constants(
     to 23 with transition 1 and no process noise. The end equals least squares with the start as an observation (erratum
     T-7).
     """
-    noise = np.broadcast_to(noise_variance, np.shape(observed))
-    arrays = (np.array(one, dtype=float, order="C") for one in (observed, design, value, covariance, noise))
-    return Filtered(*_run(*arrays))
-
-
-@numba.njit(cache=True)
-def _run(observed, design, x, P, noise):
-    n, p = design.shape
-    values, sigmas = np.empty((n, p)), np.empty((n, p))
-    for t in range(n):
-        h = design[t]
-        Ph = P @ h
-        total = noise[t] + h @ Ph
-        K = Ph / total
-        x = x + K * (observed[t] - h @ x)
-        left = np.eye(p) - np.outer(K, h)
-        P = left @ P @ left.T + noise[t] * np.outer(K, K)
+    x, P, one = np.array(value, dtype=float), np.array(covariance, dtype=float), np.eye(len(value))
+    values, sigmas = np.empty((2, len(observed), x.size))
+    for t, (y, h, r) in enumerate(zip(observed, design, np.broadcast_to(noise_variance, len(observed)), strict=True)):
+        K = P @ h / (r + h @ P @ h)
+        x = x + K * (y - h @ x)
+        left = one - np.outer(K, h)
+        P = left @ P @ left.T + r * np.outer(K, K)
         P = (P + P.T) / 2
-        values[t] = x
-        for i in range(p):
-            sigmas[t, i] = np.sqrt(P[i, i])
-    return values, sigmas, P
+        values[t], sigmas[t] = x, np.sqrt(np.diag(P))
+    return Filtered(values, sigmas, P)
 
 
 def free_start(design: np.ndarray, noise_variance: np.ndarray, width: float = 1e5) -> np.ndarray:

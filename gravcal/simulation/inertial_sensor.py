@@ -4,10 +4,10 @@ The attitude of a swing is integrated step by step; it shares nothing with the i
 made span by span, so that nineteen days fit.
 """
 
+import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 
-import numba
 import numpy as np
 from scipy.integrate import cumulative_trapezoid
 from scipy.optimize import nnls
@@ -249,34 +249,15 @@ def _motion(fine, swing_start, path, chosen, rng):
     rate = rate - rate.mean(axis=0) * 0.1 + np.array([0.0, -orbital_rate(chosen), 0.0])
     first = frames.quaternion_from_R_bi(frames.flight_frame(path(fine[:1])))[0]
     start = frames.quaternion_product(first, frames.from_rotation_vector(5e-4 * rng.standard_normal(3)))
-    return attitude(FINE, np.ascontiguousarray(rate), start), rate, rate_dot
+    return attitude(FINE, rate, start), rate, rate_dot
 
 
-@numba.njit(cache=True)
 def attitude(step, rate, start):
-    """Attitude (n, 4), continuous in sign, by the mean rate of every step: q <- q * exp(w h).
-
-    Parameters
-    ----------
-    step : s; rate : (n, 3) rad s-1; start : (4,) scalar first, at the first epoch
-    """
-    q = start.copy()
-    out = np.empty((rate.shape[0], 4))
-    out[0] = q
-    for t in range(1, rate.shape[0]):
-        x, y, z = 0.5 * step * (rate[t - 1] + rate[t])
-        angle = np.sqrt(x * x + y * y + z * z)
-        c = np.cos(angle / 2)
-        s = 0.5 if angle < 1e-12 else np.sin(angle / 2) / angle
-        p0, p1, p2, p3 = c, s * x, s * y, s * z
-        a0, a1, a2, a3 = q[0], q[1], q[2], q[3]
-        q[0] = a0 * p0 - a1 * p1 - a2 * p2 - a3 * p3
-        q[1] = a0 * p1 + a1 * p0 + a2 * p3 - a3 * p2
-        q[2] = a0 * p2 - a1 * p3 + a2 * p0 + a3 * p1
-        q[3] = a0 * p3 + a1 * p2 - a2 * p1 + a3 * p0
-        out[t] = q / np.sqrt(np.sum(q * q))
-        q[:] = out[t]
-    return out
+    """Attitude (n, 4) from a start (4,), continuous in sign, by the mean rate of every step s."""
+    turns = frames.from_rotation_vector(step / 2 * (rate[1:] + rate[:-1]))
+    after = np.stack([frames.quaternion_product(unit, turns) for unit in np.eye(4)], axis=2)  # as matrices
+    made = np.array(list(itertools.accumulate(after, lambda q, turn: turn @ q, initial=start)))
+    return made / np.linalg.norm(made, axis=1, keepdims=True)
 
 
 def with_effects(time, linear_b, angular_b, truth: Truth, hidden: Hidden) -> tuple[np.ndarray, np.ndarray]:
