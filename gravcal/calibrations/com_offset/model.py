@@ -251,12 +251,9 @@ def where(aligned) -> dict[str, np.ndarray]:
 
 
 def samples(smoothed, index):
-    """Samples of a manoeuvre in "com_offset.attitude", as a slice where they are in one piece; None with too few."""
+    """Samples of a manoeuvre in "com_offset.attitude"; None with too few."""
     inside = np.flatnonzero(smoothed["acc_manoeuvre"] == index)
-    if inside.size < 200:
-        return None
-    whole = slice(inside[0], inside[-1] + 1)
-    return whole if whole.stop - whole.start == inside.size else inside
+    return inside if inside.size >= 200 else None
 
 
 def reading(aligned, time) -> tuple[np.ndarray, np.ndarray]:
