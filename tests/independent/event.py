@@ -6,7 +6,6 @@ import numpy as np
 
 from . import catalogue, earth, noise, plan, scene, sensors
 from .attitude import Body
-from .clocks import Clocks
 from .orbit import make_orbit
 from .writer import Writer
 
@@ -14,6 +13,7 @@ STEP_MA = 220.11 / 4096
 DIPOLE_PER_CURRENT = 0.25  # A m2 / mA
 ORBIT = {"height_m": 490e3, "inclination_deg": 89.0, "eccentricity": 0.0015}
 MARGIN_S = 120.0  # least time between two windows
+OFFSETS_NS = np.array([0, 119, -119, 238, -238])  # of receiver time from on-board time
 
 
 @dataclass(frozen=True)
@@ -36,6 +36,40 @@ class Settings:
     sca_flips: int = 0  # number of sign changes of the quaternion along the day
     field_generation: int = 13  # of IGRF
     keep_scenes: bool = False  # leave the simulated states in the truth
+
+
+class Clocks:
+    """On-board, receiver and GPS time as TIM1B and CLK1B of one day state them, and tags; seconds of the day in all."""
+
+    def __init__(self, rng, offset_s, drift):
+        self.clock_time = np.arange(-300, 86701, 10)
+        self.clock_offset = offset_s + drift * self.clock_time + rng.normal(0, 1e-11, len(self.clock_time))
+        self.drift = drift
+        self.board_time = np.arange(5, 86400, 8)
+        self.board_offset_ns = rng.choice(OFFSETS_NS, len(self.board_time), p=[0.4, 0.25, 0.25, 0.05, 0.05])
+
+    def to_gps(self, board):
+        """GPS from on-board time."""
+        receiver = board + 1e-9 * np.interp(board, self.board_time, self.board_offset_ns)
+        return receiver + np.interp(receiver, self.clock_time, self.clock_offset)
+
+    def to_board(self, gps):
+        """On-board from GPS time (to a nanosecond)."""
+        board = np.asarray(gps, float)
+        for _ in range(4):
+            board = board - (self.to_gps(board) - gps)
+        return board
+
+    def accelerometer_tags(self, start, stop):
+        """Indices and tags (whole microseconds, on-board) of the accelerometer rows between GPS times, with margin."""
+        low, high = self.to_board(np.array([start - 30.0, stop + 30.0]))
+        k = np.arange(int(low / 0.099991), int(high / 0.099991) + 1)
+        return k, np.rint(7739 + 99993.6 * k - 25.6 * (k // 10)).astype(np.int64)
+
+    def torquer_tags(self, start, stop):
+        """Tags (whole microseconds, on-board) at .1 and .6 of each second between GPS times, with margin."""
+        low, high = self.to_board(np.array([start - 30.0, stop + 30.0]))
+        return np.arange(int(low) * 2, int(high) * 2) * 500_000 + 100_000
 
 
 class World:
