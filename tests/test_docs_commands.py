@@ -32,6 +32,8 @@ TYPED_AS_A_PAGE = ("first_steps", "adding_a_satellite", "adding_an_event", "addi
 SHORT = {  # days that take less time than those that the pages speak of
     "com_offset": ("--set", "manoeuvres=pitch_high,roll_high"),
     "kbr_phase_centre": ("--set", "phase_step_s=1.0", "--set", "quiet_s=900"),
+    "inertial_sensor": ("--set", "roll_s=13000", "--set", "swing_at_s=900"),
+    "gradient_torque": ("--set", "duration_s=3000"),
 }
 DAYS = {  # what is simulated for --data DIR by calibration, for the event that the pages show, and for --data day
     "com_offset": ("com_offset", "--set", "date=2020-02-01"),

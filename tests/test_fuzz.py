@@ -10,7 +10,7 @@ import pytest
 from benchmarks import fuzz
 
 ROOT = Path(__file__).parents[1]
-RUNS = 4  # of each calibration
+RUNS = 3  # of each calibration
 
 
 @pytest.mark.parametrize(("calibration", "seed"), list(zip(fuzz.EVENTS, (2, 1, 3, 3), strict=True)))
