@@ -87,7 +87,8 @@ class Search:
         told = set.intersection(*(set(one.measured) for one in events)) if len(events) > 3 else ()
         self.followed = [name for name in sorted(told) if np.ptp([one.measured[name] for one in events]) > 0]
         self.not_followed = [name for name in QUANTITIES if name not in self.followed]
-        self.strange = max(1, len(events) // 4)  # events that contradict the others, at most
+        count = len(events)  # at most so many contradict the others; where more do, the cause differs in each
+        self.strange = max(1, min(count // 4, max(10, count // 10)))
         self.whole = np.stack([one.gram for one in events])
         self.grams = self.projected(())
 
