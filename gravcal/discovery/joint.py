@@ -356,7 +356,9 @@ class Search:
         total = made.sum(axis=0)
         many = [law.weights.shape[1] * self.places[law.cause].size for law in laws]
         held = np.repeat(scales, many) * prior[1:]
-        covariance = np.linalg.inv(total[1:, 1:] + np.diag(1 / held**2)) if held.size else np.zeros((0, 0))
+        inner = total[1:, 1:] + np.diag(1 / held**2)
+        unit = np.outer(*[np.sqrt(np.diag(inner))] * 2)  # of parameters of any units
+        covariance = np.linalg.inv(inner / unit) / unit
         value, ends = covariance @ total[1:, 0], np.cumsum([0, *many])
         for law, start, stop in zip(laws, ends[:-1], ends[1:], strict=True):
             largest = self.causes[law.cause].shared
