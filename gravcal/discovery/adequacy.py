@@ -55,12 +55,7 @@ class Test:
 
 
 def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Test:
-    """Test a baseline.
-
-    Raises
-    ------
-    EstimationError : the model takes up all that was measured, and nothing is left to be tested
-    """
+    """Test a baseline; raises EstimationError where the model takes up all that was measured."""
     both = [np.concatenate([m, n], axis=1) for m, n in zip(observed_rows(problem), noise, strict=True)]
     rest = residuals_of(problem, baseline, both, over=True)
     channels = sorted({c for b in problem.blocks for c in b.channel})
@@ -84,20 +79,11 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
 
 
 def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Problem, list[dict]]:
-    """Problem with isolated outliers left out of all its columns, and what they are.
+    """Problem without isolated outliers in any column, and {"block", "channel", "axis", "time", "sigma"} of each.
 
     A sample that is further from the baseline than noise can be, alone in its channel but for what the whitening makes
-    of it, and that no listed cause and no step explains. A column of its own for each row leaves it out of every fit.
-
-    Parameters
-    ----------
-    problem : Problem
-    order : {channel: coefficients of its noise model}
-
-    Returns
-    -------
-    problem : Problem; as it was without outliers
-    outliers : list of {"block", "channel", "axis", "time", "sigma"}
+    of it (order: coefficients of the noise model), and that no listed cause and no step explains. A column of its own
+    for each row leaves it out of every fit.
     """
     from scipy.stats import norm
 

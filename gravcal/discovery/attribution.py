@@ -74,13 +74,7 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
 
     A prediction has the error of the parameters that it is made with, so that a direction of which the others see
     little neither gains nor costs much. What only this block sees, of baseline or candidate, is fitted in it before
-    and after, and gains nothing.
-
-    Parameters
-    ----------
-    grams : (b, m, m), own columns projected out
-    baseline : (p,) indices of shared columns
-    index : (q,) indices of the candidate's columns
+    and after, and gains nothing. Products (b, m, m) less own columns; indices of shared columns and of the candidate's.
     """
     used = np.concatenate([[0], baseline, index])
     grams = grams[:, used[:, None], used]
@@ -125,12 +119,7 @@ def _foretold(one, others, index):
 def disagreement(grams: np.ndarray, baseline: np.ndarray, place: slice, size: np.ndarray) -> tuple[float, int]:
     """Gain, and parameters more, of a cause with its own value in every block over one value for all.
 
-    Parameters
-    ----------
-    grams : (b, m, m), own columns projected out
-    baseline : (p,) indices of shared columns
-    place : columns of the candidate
-    size : (m,) norm of the columns with own columns projected out
+    Products (b, m, m) less own columns; the candidate's columns stand at `place`.
     """
     index = np.arange(place.start, place.stop)
     present = [g for g in grams if np.any(np.diag(g)[index] > 0)]
@@ -160,16 +149,8 @@ ROUNDING = 1e-7
 def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray) -> list[dict]:
     """Directions of listed causes that vanish beside the calibration parameters, with the bias they could cause.
 
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted, the shared ones first
-    scale : (s,) factor from the shared parameters to the numbers that are reported
-
-    Returns
-    -------
-    rows : {"cause", "direction": {parameter: share of its plausible size}, "signal_to_noise", "bias": [s],
-        "bias_in_sigma"} at the plausible size
+    {"cause", "direction": {parameter: share of its plausible size}, "signal_to_noise", "bias": [s], "bias_in_sigma"}
+    each, of the first s shared columns of the baseline, at the plausible size.
     """
     total, width = problem.total, scale.size
     inverse = inverse_of(total[np.ix_(baseline, baseline)])
@@ -203,19 +184,10 @@ def _directions(candidate, grams, shift, covariance, scale):
 
 
 def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, tie: float) -> dict:
-    """How well this data tells two causes apart, where it does so best, and how much data would do.
+    """How well this data tells a cause, true at its fitted value, from another, where best, and how much data would do.
 
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted beside both
-    index : of the candidate that is taken for true, at its fitted value
-    other : of the candidate that is fitted instead
-    tie : expected chi-square from which two causes are told apart
-
-    Returns
-    -------
-    row : {"cause", "expected_chi2", "best_block", "events_needed"}, None for events that cannot tell them apart
+    {"cause", "expected_chi2", "best_block", "events_needed"}: None events if none can; told apart from a chi-square of
+    `tie` on.
     """
     total = problem.total
     gram = projected(total, baseline)

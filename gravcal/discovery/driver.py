@@ -219,18 +219,11 @@ def _without_model(result, observed, findings):
 
 
 def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, seed: int) -> tuple[Result, dict]:
-    """Result of the rounds, and lines by their form.
+    """Result of the rounds in the blocks of the observations, and lines by their form.
 
     Lines are looked for in what the rounds leave before any of it is called an excess, and what happens at an epoch
     again near it, so that what an epoch half a spacing off leaves gets no name; both are tried beside all others in
     rounds that begin anew, if there is any.
-
-    Parameters
-    ----------
-    observed : Observations
-    rows : its blocks
-    choice : Choice
-    seed : of the draws of noise
     """
     state = begun(rows, observed.candidates, choice, random_source(seed, rows))
     result = concluded(state, replace(choice, excess=False))
@@ -508,14 +501,7 @@ def _line(grid, gains, made_of, about):
 
 
 def amplitude(line: Line, parameters: dict, name: str = "amplitude") -> dict:
-    """Frequency and amplitude, rms over the manoeuvres less what noise adds, {name: {"value", "sigma", "unit"}}.
-
-    Parameters
-    ----------
-    line : Line
-    parameters : cosines and sines as a finding has them
-    name : of the amplitude
-    """
+    """Frequency and amplitude, rms over the manoeuvres less what noise adds, {name: {"value", "sigma", "unit"}}."""
     rows = [p for p in parameters.values() if np.isfinite(p["value"])]
     squares, errors = (np.array([p[n] for p in rows]) ** 2 for n in ("value", "sigma"))
     size = np.sqrt(max(2 * np.mean(squares - errors), 0.0))

@@ -25,21 +25,12 @@ GONE = 1e-9  # of the noise, below which a row is described by a column of its o
 
 
 def detection_limits(observed: Observations, left: list, choice: Choice, say: Callable = lambda _: None) -> list:
-    """What this event would have shown of each effect of the catalogue.
+    """What this event would have shown of each effect of the catalogue, the least size of each cause and parameter.
 
-    Parameters
-    ----------
-    observed : Observations
-    left : (n, 1 + q) of each block, what the search left of its rows, and the columns of what it found
-    choice : of that search
-    say : is told how far it is
-
-    Returns
-    -------
-    rows : {"cause", "form", "parameter", "unit", "size", "prior", "signal_to_noise", "confirmed", "alone_from",
-        "confused_with", "bias": [p] in the reported unit, "bias_in_sigma"} of the least size of each cause and
-        parameter; size and ratio are None where it would not be named at any ratio up to 60, or not be seen at all:
-        the bias is then that of the plausible size
+    `left` (n, 1 + q) of each block is what the search left of its rows, and the columns of what it found. Rows are
+    {"cause", "form", "parameter", "unit", "size", "prior", "signal_to_noise", "confirmed", "alone_from",
+    "confused_with", "bias": [p] in the reported unit, "bias_in_sigma"}; size and ratio are None where it would not be
+    named at any ratio up to 60, or not be seen at all: the bias is then that of the plausible size.
     """
     problem, rng = _after(observed, left), np.random.default_rng(len(observed.candidates))
     problem, tails = _along(problem, choice, rng)

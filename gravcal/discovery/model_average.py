@@ -31,19 +31,10 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
     large as those that are seen, of all others at the price of their prior, one cause in the catalogue being there.
 
     An extension is adopted only if it leaves no more than noise, or foretells manoeuvres left out and moves the
-    calibration no further than the error it is then given. What has no mechanism, such as lines and drivers in no
-    list, may not move it by more than its error before, and causes that are tied and disagree not within the error
-    that they leave. Where it is not adopted the value stays, and the move is in its error; so does a parameter that the
-    extension leaves open, see `left_open`.
-
-    Parameters
-    ----------
-    result : of `rounds.search`
-    choice : settings of the search; count : of the shared parameters that are reported, the first ones
-
-    Returns
-    -------
-    result : with what is `adopted`
+    calibration, its first `count` parameters, no further than the error it is then given. What has no mechanism, such
+    as lines and drivers in no list, may not move it by more than its error before, and causes that are tied and
+    disagree not within the error that they leave. Where it is not adopted the value stays, and the move is in its
+    error; so does a parameter that the extension leaves open, see `left_open`.
     """
     names, before = result.findings, result.shared[0]
     tones = set(choice.tone_causes.values())
@@ -80,12 +71,8 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
 def left_open(move: np.ndarray, covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
     """Parts (p,) of a move that say nothing: of parameters left open, and of others what goes with these.
 
-    A parameter is left open if its error grows beyond twice that before and its move is within it. It keeps its value,
-    one after the other, and the rest have theirs beside it (Gaussian conditional mean).
-
-    Parameters
-    ----------
-    move : (p,) of the parameters; covariance : (p, p) after it; sigma : (p,) before it
+    A parameter is left open if its error grows beyond twice that before, sigma (p,), and its move is within it. It
+    keeps its value, one after the other, and the rest have theirs beside it (Gaussian conditional mean).
     """
     kept, rest, left = [], move, covariance
     while True:
@@ -245,14 +232,10 @@ def _with(problem, baseline, index, size):
 
 
 def named_parameters(result: Result, position: int) -> dict:
-    """Parameters of a finding in the form that was named, for the extended model.
+    """Parameters {name: {"value", "sigma", "unit", "correlation"}} of a finding, for the model, in the form named.
 
     Directions that stay below five sigma and of which the data know less than the catalogue, such as a leak that looks
     like an offset, are held by their prior: they would carry many times what is plausible into the records.
-
-    Returns
-    -------
-    parameters : {name: {"value", "sigma", "unit"}}; of several also "correlation" {other name: 1}
     """
     problem, index = result.problem, result.findings[position].index
     others = baseline_of(problem, [f.index for k, f in enumerate(result.findings) if k != position])

@@ -36,12 +36,7 @@ def parallel(function: Callable, *items: Iterable) -> list:
 
 
 def inverse_of(inner: np.ndarray) -> np.ndarray:
-    """Inverse of products of columns of any units, without directions that are singular or below zero by rounding.
-
-    Parameters
-    ----------
-    inner : (p, p)
-    """
+    """Inverse (p, p) of products of columns of any units, without directions of rounding, singular or below zero."""
     size = np.diag(inner)
     scale = np.sqrt(np.where(size > 0, size, 1.0))
     unit = np.where(np.outer(size > 0, size > 0), inner, 0.0) / np.outer(scale, scale)
@@ -157,12 +152,9 @@ class Columns:
 
 
 def without_rounding(products: np.ndarray, squares: np.ndarray) -> np.ndarray:
-    """Products of columns, in place, with zeros for columns of which nothing but rounding is left.
+    """Products (m, m) less own columns, in place, with zeros for columns of which nothing but rounding is left.
 
-    Parameters
-    ----------
-    products : (m, m), own columns projected out
-    squares : (m,) of the columns before that; 0 for those looked at before
+    Their squares (m,) before that tell what rounding is; 0 for columns that were looked at before.
     """
     lost = np.diag(products) <= ROUNDING * squares
     products[lost] = 0.0
@@ -171,14 +163,9 @@ def without_rounding(products: np.ndarray, squares: np.ndarray) -> np.ndarray:
 
 
 def columns_of(channel: np.ndarray, basis: np.ndarray, pieces: Sequence[np.ndarray | None], widths) -> Columns:
-    """Columns from pieces that stand side by side.
+    """Columns from pieces (n, q) that stand side by side, each of its width, None where all of it is zero.
 
-    Parameters
-    ----------
-    channel : (n,) of each row
-    basis : (n, r) orthonormal, of the own columns
-    pieces : (n, q) each, None where all of it is zero
-    widths : q of each piece
+    The channel (n,) parts the rows; the basis (n, r) is that of the own columns.
     """
     ends = np.cumsum([0, *widths])
     groups = _groups(channel)
@@ -285,17 +272,10 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
 
 
 def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -> np.ndarray:
-    """Products of a block's columns in alternate stretches of time, (2, m, m): observed, wanted.
+    """Products (2, m, m) of the observed and wanted (w,) columns of a block in alternate stretches of so many seconds.
 
     Own columns are free in each half, as edges and drifts of one half say nothing of the other. A block shorter than
     a stretch is parted row by row.
-
-    Parameters
-    ----------
-    problem : Problem
-    index : of the block
-    segment_s : s, length of a stretch
-    wanted : (w,) indices of columns
     """
     block = problem.blocks[index]
     columns = problem.columns[index].of(np.append(0, wanted))
@@ -311,13 +291,7 @@ def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -
 
 
 def baseline_of(problem: Problem, indices) -> np.ndarray:
-    """Indices of the shared columns and of those of some candidates.
-
-    Parameters
-    ----------
-    problem : Problem
-    indices : of candidates
-    """
+    """Indices (p,) of the shared columns and of those of some candidates, by their indices."""
     shared = np.arange(problem.shared.start, problem.shared.stop)
     parts = [np.arange(problem.places[k].start, problem.places[k].stop) for k in indices]
     return np.concatenate([shared, *parts]).astype(int)
@@ -345,13 +319,7 @@ def observed_rows(problem: Problem) -> list[np.ndarray]:
 
 
 def random_source(seed: int, blocks) -> np.random.Generator:
-    """Source of the draws of an event: its own, so that the probabilities of several events do not err alike.
-
-    Parameters
-    ----------
-    seed : of all events
-    blocks : list of Block; the second that each begins in
-    """
+    """Source of the draws of an event: its own, so that the probabilities of several events do not err alike."""
     return np.random.default_rng([seed, *(abs(int(b.time.min())) for b in blocks if b.time.size)])
 
 
@@ -366,17 +334,8 @@ def drawn_noise(
 
     A model from N quiet samples is off by 1/sqrt(2 N) of its size, and each of its coefficients by 1/sqrt(N): whitened
     noise keeps as much of its neighbours (Brockwell and Davis, Time Series, ch. 8); the amplitude in each block is off
-    as that block says. A model that was measured in the rows has made them whiter than noise is, and every draw goes
-    through the same fit.
-
-    Parameters
-    ----------
-    problem : Problem
-    count : number of draws
-    quiet : {channel: quiet samples an axis that its noise was measured from, elsewhere than here}
-    rng : source of randomness
-    order : {channel: coefficients of its noise model}, measured in these rows if it has no quiet samples; none where
-        its shape was given or the rows are too short to follow it
+    as that block says. A model that was measured in the rows, a channel without quiet samples, has made them whiter
+    than noise is, and every draw goes through the same fit of so many coefficients (order).
     """
     channels = sorted({c for b in problem.blocks for c in b.channel})
     error = {c: np.sqrt(2 / quiet[c]) if quiet.get(c) else 0.0 for c in channels}

@@ -39,16 +39,7 @@ def dataset(
     places: Sequence[Shown] = (),
     periods: Iterable[float] = (),
 ) -> xr.Dataset:
-    """Product of a search: residuals before and after, adequacy, and the numbers.
-
-    Parameters
-    ----------
-    result : Result
-    numbers : of `summary.summary`
-    channels : names in the order of the pages
-    reading : of `variables`; places : of `clearest`
-    periods : s, over which readings may be folded
-    """
+    """Product of a search: residuals, adequacy, numbers of `summary`, readings of `variables` at `places`."""
     blocks, before, after = result.problem.blocks, result.before, result.after
     rows = before.rows
     names = list(dict.fromkeys([*channels, *(str(c) for b in blocks for c in b.channel)]))
@@ -89,19 +80,9 @@ def _known(value):
 
 
 def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: float, start: np.ndarray) -> dict:
-    """Numbers of a discovery.
+    """Numbers of a discovery as plain lists and floats, NaN where not determined, in the unit that is reported.
 
-    Parameters
-    ----------
-    result : Result
-    choice : Choice
-    names : of the shared parameters; unit : of the numbers that are reported
-    scale : factor to that unit
-    start : (s,) values of the shared parameters that the residuals were formed with
-
-    Returns
-    -------
-    numbers : plain lists and floats, NaN where not determined
+    The residuals were formed with the values `start` (s,) of the shared parameters.
     """
     rows = {}
     for trial in result.first:
@@ -230,15 +211,9 @@ def clearest(
 ) -> list[Shown]:
     """For each finding the channel, block and axis whose rows it helps most; none where it helps no curve.
 
-    Where nothing was named and the baseline is not adequate, the place of the least likely band.
-
-    Parameters
-    ----------
-    result : Result
-    channels : that can be shown
-    level : of the search
-    without : for each finding the residual (n,) of each block as the extended model without it leaves it
-    acts : for each finding whether it acts in each block; in all if empty
+    `without` are, for each finding, the residuals (n,) that the extended model without it leaves of each block; `acts`
+    says whether it acts there. Where nothing was named and the baseline is not adequate, the place of the least likely
+    band.
     """
     found = []
     for number, rest in enumerate(without):
@@ -268,14 +243,9 @@ def variables(
 ) -> dict[str, np.ndarray]:
     """Variables of the product by channel for what is shown, one finding after the other, less the mean measured.
 
-    Parameters
-    ----------
-    result : Result
-    places : of `clearest`
-    reading_of : (channel, block index, rows (n, 3) 1) -> (time (m,) s, model (m, a), columns (3, m, a)): the reading
-        that the observed rows are the difference to, and whitened rows in the unit of the reading
-    without : as of `clearest`
-    contiguous : True if it takes the rows of all blocks
+    `reading_of` gives, of a channel, the number of a block and rows (n, 3), the time (m,) s, the reading (m, a) that
+    the observed rows are the difference to, and the rows (3, m, a) in its unit; of the rows of all blocks if
+    `contiguous`.
     """
     made: dict[str, list[np.ndarray]] = {}
     observed = [block.observed for block in result.problem.blocks]

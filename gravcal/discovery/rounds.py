@@ -129,13 +129,7 @@ def concluded(state: tuple, choice: Choice) -> Result:
 
 
 def names(problem: Problem, choice: Choice) -> list[set[str]]:
-    """Causes that the rounds name, each with those of the catalogue that it is tied with.
-
-    Parameters
-    ----------
-    problem : Problem
-    choice : Choice
-    """
+    """Causes that the rounds name, each with those of the catalogue that it is tied with."""
     problem, chosen, _ = _named(problem, choice)
     found = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
     return [{slug_of(name) for name in (one.cause, *one.tied)} for one in found]
@@ -432,15 +426,9 @@ def pruned(problem: Problem, chosen: list) -> list:
 
 
 def settled(problem, chosen, choice, noise, before):
-    """Names and adequacy; where too much is left, listed causes give way to ones in no list that are as good.
+    """Names, (index, Trial) each, and adequacy, also with listed causes given way to ones in no list that are as good.
 
-    Parameters
-    ----------
-    problem : Problem
-    chosen : list of (index, Trial)
-    choice : rounds.Choice
-    noise : (n, draws) a block, of `drawn_noise`
-    before : adequacy of the baseline
+    That is where too much is left; `noise` (n, draws) a block, `before` the adequacy of the baseline.
     """
     if not chosen:
         return chosen, before
@@ -461,10 +449,6 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
     """Problem and names in which steps to and fro of one size are one signal between two levels, which is no step.
 
     Blocks with an origin of their own tell no sign of one beside another, so that a step may go either way in each.
-
-    Parameters
-    ----------
-    problem, chosen, choice : as of `settled`
     """
     found = [(k, problem.candidates[k]) for k, _ in chosen]
     found = [(k, one) for k, one in found if slug_of(one.cause) == choice.step_cause and not one.apart]
@@ -513,11 +497,6 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
     Names that pass no more beside it go, and lines in its band: a line, a step or a cause of the catalogue takes some
     of the power of a chirp or of a signal that jumps at random. An excess that is small beside the names is what their
     form leaves, and gets none.
-
-    Parameters
-    ----------
-    problem, chosen, choice, noise : as of `settled`
-    after : adequacy of the names
     """
     for _ in range(EXCESSES):
         candidate = trials.excess_of(problem, after.excess) if after.excess_p < choice.excess_level else None

@@ -123,15 +123,10 @@ def frequencies(blocks: list[Block], channel: str) -> np.ndarray:
 
 
 def offered(found: Scan, periods: Mapping[float, int]) -> np.ndarray:
-    """True (k,) for lines that are no harmonic of a period of the calibration, as far as the records tell them apart.
+    """True (k,) for lines that are no harmonic of a period, {s: highest}, as far as the records tell them apart.
 
     A sine leaks to a frequency that is d off by 1 / (pi T d)^2 of its power in a record of T; a line that is no more
-    than four times as strong as what leaks from a harmonic is none.
-
-    Parameters
-    ----------
-    found : Scan of lines; gain of the first column counts
-    periods : {s: highest harmonic}
+    than four times as strong as what leaks from a harmonic is none. The gain of the first column counts.
     """
     at, gain = found.at, found.gain[:, 0]
     width = 2 * float(np.median(np.diff(np.unique(at)))) if np.unique(at).size > 1 else 0.0  # 1 / T
@@ -159,13 +154,7 @@ def lines(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channe
 
 
 def line_gains(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], channel: str, grid: np.ndarray):
-    """Gain (4, f, d) and parameters (4, f) of a line: on each axis, then on all together.
-
-    Parameters
-    ----------
-    problem, baseline, rest, channel : as of `lines`
-    grid : (f,) Hz
-    """
+    """Gain (4, f, d) and parameters (4, f) of a line at frequencies (f,) Hz: on each axis, then on all together."""
     count = rest[0].shape[1]
     inverse = inverse_of_baseline(problem, baseline)
     gain, dof = np.zeros((4, grid.size, count)), np.zeros((4, grid.size), dtype=int)
@@ -256,15 +245,7 @@ def _line_gain(inner, right):
 
 
 def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarray:
-    """Sine and cosine in the whitened rows of some axes of a channel, (n, 2 a).
-
-    Parameters
-    ----------
-    block : Block
-    channel : name
-    frequency : Hz
-    axes : indices of axes
-    """
+    """Sine and cosine (n, 2 a) of a frequency Hz in the whitened rows of some axes of a channel."""
     columns = np.zeros((block.observed.size, 2 * len(axes)))
     for k, axis in enumerate(axes):
         rows = (block.channel == channel) & (block.axis == axis) & weighted_rows(block)
@@ -274,13 +255,7 @@ def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarr
 
 
 def side_by_side(parts: list[np.ndarray], groups) -> tuple[list[np.ndarray], np.ndarray]:
-    """Columns (n, q g) of each block with its part at the place of its group, and which of them (q g,) are not zero.
-
-    Parameters
-    ----------
-    parts : (n, q) a block
-    groups : number of the group of each block, of g
-    """
+    """Columns (n, q g) of each block with its part (n, q) at the place of its group, and those (q g,) in use."""
     width = parts[0].shape[1]
     columns = [np.zeros((part.shape[0], width * (max(groups) + 1))) for part in parts]
     for whole, part, group in zip(columns, parts, groups, strict=True):
@@ -316,14 +291,8 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
     Tiles are stretches of 1/2^k of a block and bands of 2^k bins of their spectrum; chirps pass through a band at a
     steady rate in the whole of a block. Both on an axis or on all, in a block or in all at the same time from its
     start. A line whose frequency drifts steadily from the first block to the last has a phase of its own in each. The
-    slow end of the spectrum of all blocks has weights that fall with the square of frequency from 2^k bins
-    on, as power does of what jumps at random (Papoulis, Probability, ch. 10).
-
-    Parameters
-    ----------
-    problem : Problem
-    rest : (n, 1 + d) a block, observed and drawn residuals, as of `residuals_of`
-    channel : name
+    slow end of the spectrum of all blocks has weights that fall with the square of frequency from 2^k bins on, as power
+    does of what jumps at random (Papoulis, Probability, ch. 10). Residuals (n, 1 + d) are observed and drawn.
     """
     numbers, spacing, series = _series(problem.blocks, rest, channel)
     begins = [problem.blocks[k].time[problem.blocks[k].channel == channel].min() for k in numbers]

@@ -83,13 +83,7 @@ CLOSE, AT_ONCE = -9.0, 2
 
 
 def widened(problem: Problem, rows: list[Trial]) -> Problem:
-    """Problem with the laws of those series in no list that come near, once each; as it was where none does.
-
-    Parameters
-    ----------
-    problem : Problem
-    rows : trials beside a baseline
-    """
+    """Problem with the laws of those series in no list that come near, once each; as it was where none does."""
     near = sorted((t for t in rows if t.kind == "unknown" and t.log_p < CLOSE), key=lambda t: -t.score)
     made = {}
     for trial in near:
@@ -109,13 +103,6 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
     Found one after the other, each the best beside those before it, of causes that are significant with all their
     parameters; the number of ways to choose as many counts in the correction. A vector has all of its three components:
     one that is left out because the data hardly see it would leave others better known than they are.
-
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted
-    rows : trials beside the baseline
-    choice : settings of the search
     """
     gram = attribution.projected(problem.total, baseline)
     known = {(c.cause, c.form) for c in problem.candidates}
@@ -229,13 +216,7 @@ def _line(problem, trial):
 
 
 def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
-    """Candidate of sines of any size in a tile, or on a path, in each block and axis; None of too many to fit.
-
-    Parameters
-    ----------
-    problem : Problem
-    found : Excess
-    """
+    """Candidate of sines of any size in a tile, or on a path, in each block and axis; None of too many to fit."""
     blocks = range(len(problem.blocks)) if found.block < 0 else [found.block]
     axes = [found.axis] if found.axis >= 0 else [0, 1, 2]
     places = [(k, a) for k in blocks for a in axes if np.any(_rows(problem.blocks[k], found, a))]
@@ -288,15 +269,8 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
     """Twice the log likelihood gained on data left out, and which: "manoeuvres" or "blocks" of time.
 
     What every block has in common is fitted without one block and tested on it; what belongs to single blocks is
-    fitted in every second stretch of time and tested on the others. Of a cause with parameters of both kinds the
-    better of the two counts.
-
-    Parameters
-    ----------
-    problem : Problem
-    baseline : (p,) indices of columns that are fitted
-    index : of the candidate
-    segment_s : s, length of a stretch
+    fitted in every second stretch of so many seconds and tested on the others. Of a cause with parameters of both kinds
+    the better of the two counts.
     """
     place = problem.places[index]
     where = np.arange(place.start, place.stop)

@@ -118,11 +118,7 @@ def late(aligned: xr.Dataset, camera_limit_s: float, delay_limit_s: float) -> di
     """Seconds by which tags are far off, and what that does to the difference (n, 3) T of the fields, by cause.
 
     Attitudes against the orbit; then the magnetometer against both, in whole seconds, with a bias free. What is within
-    the limits is no lag.
-
-    Notes
-    -----
-    Late by tau, a star camera shows the body of before, B_b = exp(-[w tau]x) B_b as tagged, a
+    the limits is no lag. Late by tau, a star camera shows the body of before, B_b = exp(-[w tau]x) B_b as tagged, a
     magnetometer B_b(t - tau).
     """
     one, found = field(aligned), {}
@@ -169,13 +165,7 @@ def causes(field: Field) -> tuple[str, ...]:
 
 
 def columns(field: Field, slug: str) -> np.ndarray:
-    """Change (n, 3, q) T of measured less modelled field by each parameter of an effect.
-
-    Parameters
-    ----------
-    field : Field
-    slug : of EFFECTS
-    """
+    """Change (n, 3, q) T of measured less modelled field by each parameter of one of EFFECTS."""
     extra = {"axis_b": field.axis_b, "warmth": field.warmth}
     context = Context(time=field.time, field_b=field.model_b, dipole_b=field.dipole_b, extra=extra)
     if slug == "timing.magnetometer_delay":
@@ -188,8 +178,6 @@ def columns(field: Field, slug: str) -> np.ndarray:
 def shear(field: Field) -> np.ndarray:
     """Change (n, 3, 3) T by axes that are not at right angles: xy, xz, yz, half of the lack in each axis.
 
-    Notes
-    -----
     With E the symmetric matrix of e_xy, e_xz, e_yz: change = E B; axes i and j stand at 90 deg - 2 e_ij.
     """
     x, y, z = field.model_b.T
@@ -201,18 +189,10 @@ def shear(field: Field) -> np.ndarray:
 
 
 def noise(field: Field, step: float, columns: list[np.ndarray], order: int, floor: float) -> list[NoiseModel]:
-    """Noise of each axis about everything that any of the columns could do there.
+    """Noise of each axis about everything that any of the columns (n, 3, q) could do there, never below a floor T.
 
     Minutes of data have no quiet part of their own: the noise is that of the residual of the widest model, so that it
-    is the same under every hypothesis; never below a floor.
-
-    Parameters
-    ----------
-    field : Field
-    step : s, spacing of the records
-    columns : (n, 3, q) of each effect
-    order : coefficients, fewer in a short record
-    floor : T, smallest standard deviation of a record
+    is the same under every hypothesis. It has `order` coefficients, fewer in a short record, at a step of so many s.
     """
     place, found = placed(field.time, step), []
     for axis in range(3):

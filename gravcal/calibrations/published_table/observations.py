@@ -55,12 +55,7 @@ class Arc:
     solution: np.ndarray  #: (3, 3 n) offset from the weighted rows of the reading, CoM paper eq. 6
 
     def answer(self, reading_b: np.ndarray) -> np.ndarray:
-        """Change (3, q) m of the estimated offset by errors (n, 3, q) m s-2 of the reading.
-
-        Parameters
-        ----------
-        reading_b : (n, 3, q) m s-2
-        """
+        """Change (3, q) m of the estimated offset by errors (n, 3, q) m s-2 of the reading."""
         return self.solution @ detrended(reading_b)
 
 
@@ -74,14 +69,8 @@ def detrended(reading_b: np.ndarray) -> np.ndarray:
 
 
 def euler_columns(alpha_b: np.ndarray) -> np.ndarray:
-    """Reading (n, 3, 3) per offset from the proof mass to the centre of mass: -[alpha x].
+    """Reading (n, 3, 3) per offset from the proof mass to the centre of mass: -[alpha x], alpha (n, 3) rad s-2.
 
-    Parameters
-    ----------
-    alpha_b : (n, 3) rad s-2
-
-    Notes
-    -----
     CoM paper eq. 5, its first term; the centrifugal one is below 1 % of it at 12 s.
     """
     return np.stack([-np.cross(alpha_b, unit) for unit in np.eye(3)], axis=2)
@@ -89,13 +78,9 @@ def euler_columns(alpha_b: np.ndarray) -> np.ndarray:
 
 @functools.lru_cache(maxsize=32)
 def arc(kind: str, latitude_class: str, heading: int, about: tuple, latitude: float | None = None) -> Arc:
-    """Manoeuvre in the middle of its area, or at another latitude (deg).
+    """Manoeuvre in the middle of its area, or at another latitude (deg); heading +1 where x points north, -1 south.
 
-    Parameters
-    ----------
-    kind, latitude_class : key of AREAS
-    heading : +1 where x of the body points north, -1 south
-    about : principal moments (3,) kg m2, dipole of a rod A m2, generation of the IGRF
+    `about` are principal moments (3,) kg m2, dipole of a rod A m2, generation of the IGRF.
     """
     moments, dipole, generation = about
     rod, middle, longitude = AREAS[kind, latitude_class]
@@ -211,10 +196,8 @@ class Table(Observations):
     def apart(self, more: Sequence[tuple] = ()) -> float:
         """Least chi-square expected of a current that leaks where yaw acceleration in a_y acts, as large as fitted.
 
-        Parameters
-        ----------
-        more : (kind, latitude class, deg of latitude, +1 or -1 where x points north or south) of manoeuvres flown
-            beside the table, with errors as those of their kind in it
+        `more` manoeuvres (kind, latitude class, deg of latitude, +1 or -1 where x points north or south) are flown
+        beside the table, with errors as those of their kind in it.
         """
         value, sigma, known = self.printed
         kinds = [(row["kind"], row["latitude_class"]) for row in self.rows]

@@ -112,22 +112,11 @@ def late(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
 
 
 def pointing_gain(line_b: np.ndarray, noise_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Share of the pointing as measured that is motion, by frequency, from its own spectrum.
+    """Share of the pointing as measured that is motion: frequency (m,) Hz, density (2, 2, m) rad2 Hz-1, gain (2, 2, m).
 
-    Parameters
-    ----------
-    line_b : (2, n, 3), unit vectors to the other satellite at whole seconds
-    noise_hz : Hz, above which there is no motion
-
-    Returns
-    -------
-    frequency : (m,) Hz
-    density : (2, 2, m) rad2 Hz-1 of y and z of the lines, one-sided
-    gain : (2, 2, m) 1, zero where noise exceeds motion
-
-    Notes
-    -----
-    G = S_t / (S_t + S_n) of a motion S_t observed with noise S_n (Wiener), S_n white: its density above noise_hz.
+    From the one-sided spectrum of y and z of the lines of sight (2, n, 3) at whole seconds, with no motion above
+    `noise_hz`: G = S_t / (S_t + S_n) of a motion S_t observed with white noise S_n (Wiener), zero where noise exceeds
+    motion.
     """
     count = line_b.shape[1]
     edges = np.append(np.geomspace(1e-3, noise_hz, 16), np.geomspace(noise_hz, WHITE_HZ, 6)[1:])
@@ -182,21 +171,11 @@ class Block:
 def blocks(
     rows: xr.Dataset, *, range_block_s: float, range_degree: int, noise_order: int, added=0.0, beside=None
 ) -> list[Block]:
-    """Blocks of a day, each at least half full.
+    """Blocks of a day ("ranging.align"), each at least half full, with the correction `added` (n,) m to the range.
 
-    Parameters
-    ----------
-    rows : Dataset, "ranging.align"
-    range_block_s : s, length of a block
-    range_degree : of the polynomial of a block
-    noise_order : coefficients of the noise model that its spectrum begins with
-    added : (n,) m, correction of the range whose noise is asked for
-    beside : (n, q) columns of which any size may be in the range, none by default
-
-    Notes
-    -----
-    Powers of whitened rows beside all columns are exponential about r(f) exp(x(f)), r what the columns leave of white
-    noise; x is scored between knots of the day and of each block until rows are white. Its variance v is that of the
+    Powers of whitened rows beside all columns `beside` (n, q), of which any size may be in the range, are exponential
+    about r(f) exp(x(f)), r what the columns leave of white noise; x is scored between knots of the day and of each
+    block until rows are white, from a noise model of `noise_order` coefficients on. Its variance v is that of the
     scores: a reading whose variance is only known so well has that of Student's t, larger by 1 + v.
     """
     time, segment, observed = rows["time"].values, rows["segment"].values, rows["observed"].values + added
