@@ -4,11 +4,12 @@ Gram matrices (m, m) hold products of all columns, the observed rows first; `pla
 `size` (m,) the norm of the columns beside own ones.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
-from gravcal.discovery.problem import Problem, inverse_of
+from gravcal.discovery.problem import Problem, baseline_of, inverse_of, root_of
 from gravcal.estimation import chi2_tail
 
 #: Share of its size that a column keeps when it counts as seen beside the baseline.
@@ -36,15 +37,12 @@ def projected(gram: np.ndarray, baseline: np.ndarray) -> np.ndarray:
     return gram - cross @ inverse_of(gram[np.ix_(baseline, baseline)]) @ cross.T
 
 
-def spread(gram: np.ndarray, place: slice, size: np.ndarray) -> np.ndarray:
+def spread(gram: np.ndarray, place: slice | np.ndarray, size: np.ndarray) -> np.ndarray:
     """Matrix W (r, q) with gain = |W b|^2 for products b of the candidate's columns with the residual."""
-    scale = np.where(size[place] > 0, size[place], 1.0)
-    values, vectors = np.linalg.eigh(gram[place, place] / np.outer(scale, scale))
-    seen = values > SEEN**2
-    return (vectors[:, seen] / np.sqrt(values[seen])).T / scale
+    return root_of(gram[place][:, place], SEEN**2, size[place]).T
 
 
-def gained(gram: np.ndarray, place: slice, size: np.ndarray) -> tuple[float, int, np.ndarray]:
+def gained(gram: np.ndarray, place: slice | np.ndarray, size: np.ndarray) -> tuple[float, int, np.ndarray]:
     """Reduction of chi-square by a candidate, its independent parameters, and the matrix of `spread`."""
     factor = spread(gram, place, size)
     part = factor @ gram[place, 0]
@@ -60,6 +58,11 @@ def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
     scale = np.where(size[place] > 0, size[place], 1.0)
     inside = np.linalg.pinv(factor * scale) @ (factor * scale) if dof else np.zeros((scale.size,) * 2)
     return Ratio(gain, dof, log_p, factor.T @ part, covariance, np.diag(inside) > 1 - 1e-3)
+
+
+def beside(problem: Problem, others: Sequence[int], index: int) -> Ratio:
+    """Gain of a candidate with others in the baseline, by their indices."""
+    return ratio(projected(problem.total, baseline_of(problem, others)), problem.places[index], problem.size)
 
 
 def misfit(gram: np.ndarray, true: slice, value: np.ndarray, other: slice, size: np.ndarray) -> float:
@@ -93,12 +96,7 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
 
 def _shares(one, others, index):
     """Shares (k,) of the information that the others have along independent directions (n, k) of some columns."""
-    inner = (one + others)[np.ix_(index, index)]
-    size = np.diag(inner)
-    scale = np.sqrt(np.where(size > 0, size, 1.0))
-    values, vectors = np.linalg.eigh(inner / np.outer(scale, scale))
-    seen = values > 1e-9
-    whitening = vectors[:, seen] / np.sqrt(values[seen]) / scale[:, None]
+    whitening = root_of((one + others)[np.ix_(index, index)], 1e-9)
     share, turned = np.linalg.eigh(whitening.T @ others[np.ix_(index, index)] @ whitening)
     return np.clip(share, 0.0, 1.0), whitening @ turned
 

@@ -23,6 +23,7 @@ from gravcal.discovery.problem import (
     observed_rows,
     random_source,
     residuals_of,
+    root_of,
 )
 from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, Finding, Result, begun, concluded
@@ -35,6 +36,7 @@ from gravcal.estimation.records import (
     Candidate,
     Entry,
     Fitted,
+    LineSearch,
     Observations,
     Parameter,
     entries,
@@ -165,12 +167,11 @@ def _searched(observed, limits, model, before=None):
     if before is not None:
         shared = np.append(np.array(before) / observed.scale - observed.start, result.shared[0][count:])
         whole = replace(result, shared=(shared, result.shared[1]))
-    averaged = _reported(delivered(whole, choice, count), observed)
-    numbers = summary(averaged, choice, list(observed.parameters), observed.unit, 1.0, observed.scale * observed.start)
+    averaged = delivered(whole, choice, count)
+    numbers = summary(averaged, choice, observed)
     for one in numbers["indistinguishable_from_calibration"]:
-        one["bias"] = (observed.scale * np.array(one["bias"])).tolist()
         if one["cause"] in averaged.unseen:
-            one["bias_in_error"] = averaged.unseen[one["cause"]].tolist()
+            one["bias_in_error"] = (observed.scale * averaged.unseen[one["cause"]][:count]).tolist()
     for position, finding in enumerate(numbers["findings"]):
         _described(finding, result, position, observed, waves)
     numbers = _without_epochs(numbers) | _weighed(observed, numbers["findings"])
@@ -218,8 +219,8 @@ def _without_model(result, observed, findings):
     return (result.shared[0] - inverse_of_baseline(problem, columns) @ right)[: observed.scale.size]
 
 
-def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, seed: int) -> tuple[Result, dict]:
-    """Result of the rounds in the blocks of the observations, and lines by their form.
+def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, seed: int) -> tuple[Result, set]:
+    """Result of the rounds in the blocks of the observations, and the forms of lines.
 
     Lines are looked for in what the rounds leave before any of it is called an excess, and what happens at an epoch
     again near it, so that what an epoch half a spacing off leaves gets no name; both are tried beside all others in
@@ -227,17 +228,15 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     """
     state = begun(rows, observed.candidates, choice, random_source(seed, rows))
     result = concluded(state, replace(choice, excess=False))
-    found: list[Line] = []
-    for one in observed.lines:
-        about = one.cause, one.unit, replace(choice, level=choice.level / len(observed.lines))
-        found += joint_lines(result, (one.channel, one.axis), observed.wave(one), observed.groups, about)
+    each = replace(choice, level=choice.level / max(len(observed.lines), 1))
+    found = [line for one in observed.lines for line in joint_lines(result, observed, one, each)]
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
     if found or steps or result.after.excess_p < choice.excess_level:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
-        if more := [*near, *(one.candidate for one in found)]:
+        if more := [*near, *found]:
             state = begun(rows, [*observed.candidates, *more], choice, random_source(seed, rows))
         result = concluded(state, choice)
-    return result, {one.candidate.form: one for one in found}
+    return result, {one.form for one in found}
 
 
 def _fitted(result: Result, position: int) -> Fitted:
@@ -245,15 +244,6 @@ def _fitted(result: Result, position: int) -> Fitted:
     one = result.findings[position]
     candidate = result.problem.candidates[one.index]
     return Fitted(candidate, one.value, one.sigma, result.after.rest, result.problem.bases)
-
-
-def _reported(result, observed):
-    """Result whose global parameters are the reported ones, in the unit they are reported in."""
-    scale, count = observed.scale, observed.scale.size
-    cut = {n: tuple(scale * part[:count] for part in getattr(result, n)) for n in ("shared", "sigma")}
-    cut["unseen"] = {cause: scale * part[:count] for cause, part in result.unseen.items()}
-    both = tuple(np.outer(scale, scale) * part[:count, :count] for part in result.covariance)
-    return replace(result, **cut, covariance=both)
 
 
 def _described(finding: dict, result: Result, position: int, observed, waves):
@@ -266,7 +256,7 @@ def _described(finding: dict, result: Result, position: int, observed, waves):
     if one.form in waves:
         words = one.form.partition(",")[0].split()  # "<channel> reading <axis>"
         name = words[2] if len(words) > 2 else "amplitude"
-        finding["parameters"] = amplitude(waves[one.form], finding["parameters"], name)
+        finding["parameters"] = _amplitude(finding["parameters"], name)
     elif not np.isfinite(one.value).any():
         finding["parameters"] = named_parameters(result, position)
     spacing = observed.spacing(epoch_of(one.cause)) if "@" in one.cause else None
@@ -424,41 +414,22 @@ PEAKS = 4
 FINE = np.arange(-1.0, 1.01, 1 / 16)
 
 
-@dataclass(frozen=True)
-class Line:
-    """A line with its frequency."""
-
-    candidate: Candidate  #: Candidate; its parameters have the unit of the channel
-    #: frequency, sigma: Hz
-    frequency: float
-    sigma: float
-
-
-def joint_lines(result: Result, where: tuple[str, int], shape: Callable, groups: list[int], about: tuple) -> list[Line]:
-    """Lines in what a search has left, those that are significant by themselves.
-
-    Parameters
-    ----------
-    result : Result of a search without lines
-    where : channel, and axis or -1 for all
-    shape : (block, Hz) -> whitened cosine and sine (n, 2) of that block
-    groups : number of the manoeuvre of each block
-    about : cause, unit and Choice
-    """
-    channel, axis = where
-    found = [s for s in result.after.scans if s.kind == "line" and s.channel == channel]
-    if not found:
+def joint_lines(result: Result, observed: Observations, search: LineSearch, choice: Choice) -> list[Candidate]:
+    """Lines in what a search without them has left, those that are significant by themselves."""
+    groups, wave = observed.groups, observed.wave(search)
+    shape = lambda hertz: side_by_side([wave(k, hertz) for k in range(len(groups))], groups)  # noqa: E731
+    found = next((s for s in result.after.scans if s.kind == "line" and s.channel == search.channel), None)
+    if found is None:
         return []
-    joint = np.flatnonzero((found[0].place == axis) & offered(found[0], about[2].periods))
-    at, score = found[0].at[joint], (found[0].gain[:, 0] - 2 * found[0].dof)[joint]
+    joint = np.flatnonzero((found.place == search.axis) & offered(found, choice.periods))
+    at, score = found.at[joint], (found.gain[:, 0] - 2 * found.dof)[joint]
     step, kept = float(np.median(np.diff(at))), []
     for peak in _peaks(at, score, step):
         grid = peak + step * FINE
-        gains = [_gain(result, side_by_side([shape(k, f) for k in range(len(groups))], groups)[0]) for f in grid]
-        gain, dof = max(gains)
-        chance = chi2_tail.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
-        if chance < np.log(about[2].level):
-            kept.append(_line(grid, np.array([g for g, _ in gains]), (shape, groups), (where, *about)))
+        gains = [_gain(result, shape(one)[0]) for one in grid]
+        chance = chi2_tail.log_tail(*max(gains)) + np.log(at.size / SHARES["line"])
+        if chance < np.log(choice.level):
+            kept.append(_line(grid, np.array([g for g, _ in gains]), shape, search))
     return kept
 
 
@@ -480,31 +451,29 @@ def _gain(result, columns):
     cross = sum(b.of(baseline).T @ c for b, c in zip(problem.columns, clean, strict=True))
     inner = sum(c.T @ c for c in clean) - cross.T @ inverse_of_baseline(problem, baseline) @ cross
     right = sum(c.T @ r for c, r in zip(clean, result.after.rest, strict=True))
-    values, vectors = np.linalg.eigh(inner)
-    seen = values > 1e-6 * max(values[-1], 1e-300)
-    return float(np.sum((vectors[:, seen].T @ right) ** 2 / values[seen])), int(seen.sum())
+    root = root_of(inner, lambda values: 1e-6 * max(values[-1], 1e-300), np.ones(len(inner)))
+    return float(np.sum((root.T @ right) ** 2)), root.shape[1]
 
 
-def _line(grid, gains, made_of, about):
-    """Line at the mean frequency under the likelihood of the grid."""
-    (shape, groups), ((channel, axis), cause, unit, _) = made_of, about
+def _line(grid, gains, shape, search):
+    """Line at the mean frequency under the likelihood of the grid; its parameters have the unit of the channel."""
     weight = np.exp((gains - gains.max()) / 2)
     weight = weight / weight.sum()
-    frequency = float(weight @ grid)
-    sigma = float(np.sqrt(weight @ (grid - frequency) ** 2 + (grid[1] - grid[0]) ** 2 / 12))
-    columns, used = side_by_side([shape(k, frequency) for k in range(len(groups))], groups)
-    names = [f"{part}_{k}" for k in range(max(groups) + 1) for part in ("cosine", "sine")]
+    at = float(weight @ grid)
+    sigma = float(np.sqrt(weight @ (grid - at) ** 2 + (grid[1] - grid[0]) ** 2 / 12))
+    columns, used = shape(at)
+    names = [f"{part}_{k}" for k in range(used.size // 2) for part in ("cosine", "sine")]
     names = list(itertools.compress(names, used))
-    form = f"{channel} reading{f' {AXES[axis]}' if axis >= 0 else ''}, {frequency:.5f} Hz"
-    candidate = Candidate(cause, form, names, [unit] * len(names), [c[:, used] for c in columns], apart=True)
-    return Line(candidate, frequency, sigma)
+    form = f"{search.channel} reading{f' {AXES[search.axis]}' if search.axis >= 0 else ''}, {at:.5f} Hz"
+    units, columns = [search.unit] * len(names), [c[:, used] for c in columns]
+    return Candidate(search.cause, form, names, units, columns, at=at, at_sigma=sigma, apart=True)
 
 
-def amplitude(line: Line, parameters: dict, name: str = "amplitude") -> dict:
-    """Frequency and amplitude, rms over the manoeuvres less what noise adds, {name: {"value", "sigma", "unit"}}."""
-    rows = [p for p in parameters.values() if np.isfinite(p["value"])]
-    squares, errors = (np.array([p[n] for p in rows]) ** 2 for n in ("value", "sigma"))
-    size = np.sqrt(max(2 * np.mean(squares - errors), 0.0))
-    sigma = np.sqrt(np.mean(errors) / max(len(rows) / 2, 1))
-    found = {"frequency": {"value": line.frequency, "sigma": line.sigma, "unit": "Hz"}}
-    return found | {name: {"value": float(size), "sigma": float(sigma), "unit": line.candidate.units[0]}}
+def _amplitude(parameters, name):
+    """Frequency of a line, and its amplitude by this name, rms over the manoeuvres less what noise adds."""
+    waves = [p for n, p in parameters.items() if n != "frequency"]
+    known = [p for p in waves if np.isfinite(p["value"])]
+    squares, errors = (np.array([p[n] for p in known]) ** 2 for n in ("value", "sigma"))
+    size = float(np.sqrt(max(2 * np.mean(squares - errors), 0.0)))
+    sigma = float(np.sqrt(np.mean(errors) / max(len(known) / 2, 1)))
+    return {"frequency": parameters["frequency"], name: {"value": size, "sigma": sigma, "unit": waves[0]["unit"]}}

@@ -16,7 +16,7 @@ import numpy as np
 
 from gravcal.discovery import attribution
 from gravcal.discovery.evidence import QUANTITIES, Event
-from gravcal.discovery.problem import inverse_of
+from gravcal.discovery.problem import inverse_of, root_of
 from gravcal.estimation import chi2_tail
 
 PARTED = 4  # events, those that the others foretell worst, that are tried for values of their own
@@ -244,8 +244,7 @@ class Search:
         made = self.products([*beside, self.constant(cause)], self._less_shared(cause, beside))[0]
         last, seen = np.arange(made.shape[1] - place.size, made.shape[1]), []
         for one, whole, event in zip(made, self.grams, self.events, strict=True):
-            factor = attribution.spread(whole, slice(place[0], place[-1] + 1), event.size[self.kept])
-            seen.append(factor @ one[last])
+            seen.append(attribution.spread(whole, place, event.size[self.kept]) @ one[last])
 
         def left(grams):
             total = grams.sum(axis=0)[: last[0], : last[0]]
@@ -402,11 +401,9 @@ class Search:
             inverse = np.linalg.inv(rest[1:, 1:] + np.diag(1 / width**2))
             away = one[1:, 0] - own @ (inverse @ rest[1:, 0])
             spread = own + own @ inverse @ own
-            scale = np.where(size[1:] > 0, size[1:], 1.0)
-            known, vectors = np.linalg.eigh(spread / np.outer(scale, scale))
-            seen = known > 1e-8 * max(known.max(initial=0.0), 1e-300)
-            chi2 = float(np.sum((vectors[:, seen].T @ (away / scale)) ** 2 / known[seen]))
-            found.append((chi2, int(seen.sum()), float(chi2_tail.log_tail(chi2, max(int(seen.sum()), 1)))))
+            root = root_of(spread, lambda values: 1e-8 * max(values.max(initial=0.0), 1e-300), size[1:])
+            chi2, dof = float(np.sum((root.T @ away) ** 2)), root.shape[1]
+            found.append((chi2, dof, float(chi2_tail.log_tail(chi2, max(dof, 1)))))
         return found
 
     def _contradictions(self, laws):
@@ -501,5 +498,4 @@ def _taken(grams, place, prior):
 def _mixed(score, odds):
     """Twice the logarithm of the evidence over all common sizes (s,), and the most likely of these."""
     score = score + 2 * np.log(ODDS)
-    best = int(np.argmax(score))
-    return float(score[best] + 2 * np.log(np.sum(np.exp((score - score[best]) / 2))) + odds), float(SIZES[best])
+    return float(2 * np.logaddexp.reduce(score / 2) + odds), float(SIZES[np.argmax(score)])

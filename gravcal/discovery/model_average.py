@@ -7,7 +7,7 @@ import numpy as np
 
 from gravcal.discovery import attribution, trials
 from gravcal.discovery.attribution import ROUNDING, UNSEEN
-from gravcal.discovery.problem import baseline_of, inverse_of
+from gravcal.discovery.problem import baseline_of, inverse_of, inverse_of_baseline
 from gravcal.discovery.rounds import Choice, Result
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import slug_of
@@ -93,7 +93,7 @@ def _averaged(result, used):
     problem, width = result.problem, result.shared[1].size
     named = list(itertools.compress([one.index for one in result.findings], used))
     fixed = baseline_of(problem, named)
-    inverse = inverse_of(problem.total[np.ix_(fixed, fixed)])
+    inverse = inverse_of_baseline(problem, fixed)
     fitted, covariance = (inverse @ problem.total[fixed, 0])[:width], inverse[:width, :width]
     value = fitted.copy()
     for position, one in enumerate(itertools.compress(result.findings, used)):
@@ -151,8 +151,7 @@ def _evidence(problem, gram, index):
         known, right = np.maximum(known, 0.0), (vectors.T @ (prior * gram[place, 0])) ** 2
         more = 1 + np.outer(BEYOND**2, known)
         score = np.sum(BEYOND[:, None] ** 2 * right / more - np.log(more), axis=1) + 2 * np.log(ODDS)
-        best = int(np.argmax(score))
-        return float(score[best] + 2 * np.log(np.sum(np.exp((score - score[best]) / 2)))), float(BEYOND[best])
+        return float(2 * np.logaddexp.reduce(score / 2)), float(BEYOND[np.argmax(score)])
     gain, dof, _ = attribution.gained(gram, place, problem.size)
     return (gain - dof * (1 + np.log(max(gain / dof, 1.0))) if dof else 0.0), 1.0
 
@@ -195,13 +194,11 @@ def _unseen(problem, gram, baseline, index, width, sized):
     these, by what is known (n,) of the directions that are seen and the chi-square (n,) that each gains.
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
-    inverse = inverse_of(problem.total[np.ix_(baseline, baseline)])
-    whole, left = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
-    known, vectors = np.linalg.eigh(left)
+    inverse = inverse_of_baseline(problem, baseline)
+    known, vectors, real = _directions(problem, gram, place, prior)
     hidden = known < UNSEEN**2
     square, share = sized(known[~hidden], (vectors.T @ (prior * gram[place, 0]))[~hidden] ** 2 / known[~hidden])
     shift = (inverse @ problem.total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
-    real = known > ROUNDING * np.einsum("qk,qr,rk->k", vectors, whole, vectors)
     size = np.sum(share / (1 / square + np.where(real, known, 0.0)[hidden, None]), axis=1)
     bias = shift @ vectors[:, hidden] * np.sqrt(size)
     return bias @ bias.T
@@ -220,15 +217,20 @@ def _with(problem, baseline, index, size):
     place, prior = problem.places[index], size * np.asarray(problem.candidates[index].prior)
     fixed = np.concatenate([baseline, np.arange(place.start, place.stop)])
     if len(prior) != place.stop - place.start:
-        return inverse_of(problem.total[np.ix_(fixed, fixed)]) @ problem.total[fixed, 0]
+        return inverse_of_baseline(problem, fixed) @ problem.total[fixed, 0]
     gram = attribution.projected(problem.total, baseline)
-    whole, left = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
-    known, vectors = np.linalg.eigh(left)
-    real = known > ROUNDING * np.einsum("qk,qr,rk->k", vectors, whole, vectors)
+    known, vectors, real = _directions(problem, gram, place, prior)
     vectors = prior[:, None] * vectors[:, real]
     value = vectors @ ((vectors.T @ gram[place, 0]) / (1 + known[real]))
     right = problem.total[baseline, 0] - problem.total[np.ix_(baseline, fixed[baseline.size :])] @ value
-    return inverse_of(problem.total[np.ix_(baseline, baseline)]) @ right
+    return inverse_of_baseline(problem, baseline) @ right
+
+
+def _directions(problem, gram, place, prior):
+    """Information (q,) on directions (q, q) of a candidate in units of its prior, and whether it is above rounding."""
+    whole, left = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
+    known, vectors = np.linalg.eigh(left)
+    return known, vectors, known > ROUNDING * np.einsum("qk,qr,rk->k", vectors, whole, vectors)
 
 
 def named_parameters(result: Result, position: int) -> dict:

@@ -38,12 +38,20 @@ def parallel(function: Callable, *items: Iterable) -> list:
 def inverse_of(inner: np.ndarray) -> np.ndarray:
     """Inverse (p, p) of products of columns of any units, without directions of rounding, singular or below zero."""
     size = np.diag(inner)
-    scale = np.sqrt(np.where(size > 0, size, 1.0))
-    unit = np.where(np.outer(size > 0, size > 0), inner, 0.0) / np.outer(scale, scale)
-    values, vectors = np.linalg.eigh(unit)
-    seen = values > 1e-12 * values.max(initial=0.0)
-    half = vectors[:, seen] / np.sqrt(values[seen]) / scale[:, None]
+    half = root_of(np.where(np.outer(size > 0, size > 0), inner, 0.0), lambda values: 1e-12 * values.max(initial=0.0))
     return half @ half.T
+
+
+def root_of(inner: np.ndarray, least: Callable | float, size: np.ndarray | None = None) -> np.ndarray:
+    """Root (p, r) of the inverse of products (p, p) over sizes (p,), the norms if not given, of what is seen of them.
+
+    Seen are the directions above a least value, or above what a function of all values gives.
+    """
+    size = np.sqrt(np.maximum(np.diag(inner), 0.0)) if size is None else size
+    scale = np.where(size > 0, size, 1.0)
+    values, vectors = np.linalg.eigh(inner / np.outer(scale, scale))
+    seen = values > (least(values) if callable(least) else least)
+    return vectors[:, seen] / np.sqrt(values[seen]) / scale[:, None]
 
 
 def basis_of(columns: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from gravcal.discovery import DISCOVERY
 from gravcal.discovery.attribution import beside_calibration
 from gravcal.discovery.problem import baseline_of
 from gravcal.discovery.rounds import Choice, Finding, Result
+from gravcal.estimation.records import Observations
 
 
 def nothing() -> xr.Dataset:
@@ -79,11 +80,8 @@ def _known(value):
     return value.item() if isinstance(value, np.generic) else value
 
 
-def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: float, start: np.ndarray) -> dict:
-    """Numbers of a discovery as plain lists and floats, NaN where not determined, in the unit that is reported.
-
-    The residuals were formed with the values `start` (s,) of the shared parameters.
-    """
+def summary(result: Result, choice: Choice, observed: Observations) -> dict:
+    """Numbers of a discovery as plain lists and floats, NaN where not determined, in the unit that is reported."""
     rows = {}
     for trial in result.first:
         one = {"cause": trial.cause, "form": trial.form, "chi2": trial.gain, "parameters": trial.dof}
@@ -99,10 +97,10 @@ def summary(result: Result, choice: Choice, names: list[str], unit: str, scale: 
         "outliers": result.outliers,
         "findings": [_finding(one, choice, k, result.adopted) for k, one in enumerate(result.findings)],
         "indistinguishable_from_calibration": beside_calibration(
-            result.problem, baseline_of(result.problem, ()), np.full(len(names), scale)
+            result.problem, baseline_of(result.problem, ()), observed.scale
         ),
         "unexplained": _unexplained(result, choice),
-        "calibration_change": _change(result, names, unit, scale, start),
+        "calibration_change": _change(result, observed),
         "gain": _gain(result),
         "tried": list(rows.values()),
     }
@@ -144,21 +142,22 @@ def _unexplained(result, choice):
     return {"p": result.after.p, "bands": rows, "scans": scans}
 
 
-def _change(result, names, unit, scale, start):
-    """Shared parameters before and after, in their reported unit."""
-    (before, after), (old, new) = result.shared, result.sigma
-    change = scale * (after - before)
+def _change(result, observed):
+    """Parameters of the calibration before and after, in their reported unit."""
+    scale, start, count = observed.scale, observed.start, observed.scale.size
+    (before, after), (old, new) = ([part[:count] for part in both] for both in (result.shared, result.sigma))
+    extra = (result.covariance[1] - result.covariance[0])[:count, :count]
     return {
-        "names": names,
-        "unit": unit,
+        "names": list(observed.parameters),
+        "unit": observed.unit,
         "before": (scale * (start + before)).tolist(),
         "sigma_before": (scale * old).tolist(),
         "after": (scale * (start + after)).tolist(),
         "sigma_after": (scale * new).tolist(),
         "variant": "joint fit",
-        "covariance_of_findings": (scale**2 * (result.covariance[1] - result.covariance[0])).tolist(),
-        "change": change.tolist(),
-        "change_in_old_sigma": (change / np.where(old > 0, scale * old, np.inf)).tolist(),
+        "covariance_of_findings": (np.outer(scale, scale) * extra).tolist(),
+        "change": (scale * (after - before)).tolist(),
+        "change_in_old_sigma": ((after - before) / np.where(old > 0, old, np.inf)).tolist(),
     }
 
 

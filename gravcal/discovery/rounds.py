@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, scan, shaping, trials
+from gravcal.discovery import adequacy, attribution, shaping, trials
 from gravcal.discovery.problem import Problem, baseline_of, drawn_noise, extended, inverse_of, prepare
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Block, Candidate, Shape, epoch_of, slug_of
@@ -106,7 +106,6 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
 def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> tuple:
     """State of a search that has named what follows something, as `concluded` goes on from it."""
     problem, outliers = adequacy.without_outliers(prepare(blocks, candidates), choice.order)
-    scan.looked_at(problem, sorted({c for b in blocks for c in b.channel}))
     noise = drawn_noise(problem, adequacy.DRAWS, choice.quiet, rng, choice.order)
     before = adequacy.test(problem, baseline_of(problem, ()), noise)
     problem, chosen, first = _named(problem, choice)
@@ -217,16 +216,12 @@ def _needless(problem, used, index, wider, choice):
 
     What the wider of two nested models leaves of the narrower is zero whatever is true: only its further gain speaks.
     """
-
-    def beside(one, other):
-        gram = attribution.projected(problem.total, baseline_of(problem, [*used, one]))
-        return attribution.gained(gram, problem.places[other], problem.size)[:2]
-
-    if problem.candidates[wider].listed or beside(wider, index)[1]:
+    if problem.candidates[wider].listed or attribution.beside(problem, [*used, wider], index).dof:
         return False
-    gain, more = beside(index, wider)
+    more = attribution.beside(problem, [*used, index], wider)
     times = sum(not one.listed for one in problem.candidates) / trials.SHARES["unknown"]
-    return more > 0 and chi2_tail.log_tail(gain, more, choice.freedom) + np.log(times) >= np.log(choice.level)
+    chance = chi2_tail.log_tail(more.gain, max(more.dof, 1), choice.freedom) + np.log(times)
+    return more.dof > 0 and chance >= np.log(choice.level)
 
 
 def _revised(problem, chosen, choice):
@@ -322,8 +317,8 @@ def _as_good(problem, gram, index, ratio, tie):
 
 def _imitators(problem, near):
     """Drivers in no list among causes that are near, nearest first."""
-    near = [(cause, k, max(float(expected), 0.0)) for cause, (expected, k) in sorted(near.items(), key=lambda n: n[1])]
-    rows = [(cause, problem.candidates[k], expected) for cause, k, expected in near]
+    near = sorted(near.items(), key=lambda row: row[1])
+    rows = [(cause, problem.candidates[k], max(float(expected), 0.0)) for cause, (expected, k) in near]
     return [{"cause": n, "form": one.form, "expected_chi2": e} for n, one, e in rows if not one.listed]
 
 
@@ -385,11 +380,8 @@ def without_shadows(problem: Problem, chosen: list) -> list:
     A regressor made of measured channels follows an unknown effect to some ten percent of its size; what it leaves, a
     percent of its gain, looks like anything. That stays unexplained rather than get a name.
     """
-    gains = []
-    for position, (index, _) in enumerate(chosen):
-        others = baseline_of(problem, [k for i, (k, _) in enumerate(chosen) if i != position])
-        gram = attribution.projected(problem.total, others)
-        gains.append(attribution.ratio(gram, problem.places[index], problem.size).gain)
+    used = [k for k, _ in chosen]
+    gains = [attribution.beside(problem, [*used[:n], *used[n + 1 :]], k).gain for n, k in enumerate(used)]
     unknown = [g for g, (k, _) in zip(gains, chosen, strict=True) if not problem.candidates[k].listed]
     least = SHADOW * max(unknown, default=0.0)
     return [one for one, gain in zip(chosen, gains, strict=True) if gain >= least]
@@ -417,10 +409,8 @@ def pruned(problem: Problem, chosen: list) -> list:
         if joint.min() > CANCELLED:
             break
         pair = np.unravel_index(np.argmin(joint), joint.shape)
-        gains = []
-        for one, other in (pair, pair[::-1]):
-            rest = attribution.projected(problem.total, baseline_of(problem, np.delete(indices, [one, other])))
-            gains.append((attribution.gained(rest, problem.places[indices[one]], problem.size)[0], one))
+        rest = np.delete(indices, pair)
+        gains = [(attribution.beside(problem, rest, indices[one]).gain, one) for one in pair]
         chosen = [one for k, one in enumerate(chosen) if k != min(gains)[1]]
     return chosen
 
@@ -484,8 +474,7 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
     form = f"excess in the {touched[0].channel[0]} reading, {len(steps)} jumps between two levels, {where}"
     candidate = Candidate(trials.EXCESS, form, first.names, first.units, made, shape=shape)
     grown, index = extended(problem, candidate), len(problem.candidates)
-    gram = attribution.projected(grown.total, baseline_of(grown, rest))
-    ratio = attribution.ratio(gram, grown.places[index], grown.size)
+    ratio = attribution.beside(grown, rest, index)
     worst = max(trial.significance for k, trial in chosen if k in epoch)
     trial = trials.Trial("excess", trials.EXCESS, form, index, ratio.gain, ratio.dof, ratio.log_p, worst)
     return grown, [*others, (index, trial)]
@@ -502,10 +491,10 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         candidate = trials.excess_of(problem, after.excess) if after.excess_p < choice.excess_level else None
         if candidate is None:
             break
-        baseline = baseline_of(problem, [k for k, _ in chosen])
+        used = [k for k, _ in chosen]
         grown, index = extended(problem, candidate), len(problem.candidates)
-        grown, index = shaping.refined(grown, baseline, index)
-        ratio = attribution.ratio(attribution.projected(grown.total, baseline), grown.places[index], grown.size)
+        grown, index = shaping.refined(grown, baseline_of(grown, used), index)
+        ratio = attribution.beside(grown, used, index)
         about = ratio.gain, ratio.dof, ratio.log_p, after.excess_p
         trial = trials.Trial("excess", candidate.cause, candidate.form, index, *about)
         lines = [one for one in chosen if _inside(one[1], after.excess)]
@@ -523,8 +512,7 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
 def _left_of(problem, chosen, lines, index):
     """Whether an excess is what a line leaves: the line alone is less likely by chance than all of the excess alone."""
     others = [k for k, _ in chosen if k not in {line for line, _ in lines}]
-    gram = attribution.projected(problem.total, baseline_of(problem, others))
-    alone = {k: attribution.ratio(gram, problem.places[k], problem.size).log_p for k in (index, *(k for k, _ in lines))}
+    alone = {k: attribution.beside(problem, others, k).log_p for k in (index, *(k for k, _ in lines))}
     return min(alone, key=alone.get) != index
 
 
@@ -537,9 +525,8 @@ def _inside(trial, excess):
 def _passes(problem, others, one, choice):
     """Whether a name is significant beside others, corrected as it was when it was named."""
     index, trial = one
-    gram = attribution.projected(problem.total, baseline_of(problem, others))
-    gain, dof, _ = attribution.gained(gram, problem.places[index], problem.size)
-    log_p = float(chi2_tail.log_tail(gain, max(dof, 1), choice.freedom))
+    ratio = attribution.beside(problem, others, index)
+    log_p = float(chi2_tail.log_tail(ratio.gain, max(ratio.dof, 1), choice.freedom))
     times = np.log(trial.significance) - trial.log_p if trial.significance > 0 else MANY
     return log_p + times < np.log(choice.level)
 
@@ -561,6 +548,6 @@ def _agreed(problem, others, index):
 
     baseline, place = baseline_of(problem, others), problem.places[index]
     extra, dof = attribution.disagreement(problem.gram, baseline, place, problem.size)
-    gain = attribution.ratio(attribution.projected(problem.total, baseline), place, problem.size).gain
+    gain = attribution.beside(problem, others, index).gain
     share, level = DISAGREE
     return dof <= 0 or extra - dof < share * gain or chi2_distribution.sf(extra, dof) > level

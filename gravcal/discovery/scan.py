@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -10,7 +9,7 @@ from functools import partial
 import numpy as np
 from scipy import fft, special
 
-from gravcal.discovery.problem import Problem, inverse_of_baseline, parallel, weighted_rows
+from gravcal.discovery.problem import Problem, inverse_of_baseline, weighted_rows
 from gravcal.estimation.records import Block
 
 
@@ -24,19 +23,6 @@ class Scan:
     at: np.ndarray  #: (k,) epoch s, or frequency Hz
     gain: np.ndarray  #: (k, d) reduction of chi-square for each column of the residual
     dof: np.ndarray  #: (k,) parameters
-
-
-def looked_at(problem: Problem, channels) -> None:
-    """Make what all scans of a problem have in common, where it is not yet made."""
-    grids = {channel: frequencies(problem.blocks, channel) for channel in channels}
-
-    def one(index):
-        if problem.blocks[index].steps:
-            _local(problem, index)
-        for channel, axis in itertools.product(grids, range(3)):
-            _waves(problem, index, channel, axis, grids[channel])
-
-    parallel(one, range(len(problem.blocks)))
 
 
 def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Scan:
@@ -396,28 +382,24 @@ def _chirps(count):
         middle = np.arange(count) / count
         kept = np.flatnonzero((middle > rate * count / 2) & (middle < 0.5 - rate * count / 2))
         if kept.size:
-            memory = {}
-            for one in (rate, -rate):
-                yield partial(_chirp, count, kept, one), partial(_chirp_power, kept, one, memory)
+            yield partial(_chirp, count, kept, rate), partial(_chirp_power, kept, rate)
 
 
 def _chirp(count, kept, rate, index):
-    """Span and band of a chirp."""
-    middle = kept[index] / count
-    return (0, count), (middle - rate * count / 2, middle + rate * count / 2)
+    """Span and band of a chirp, of those that rise first."""
+    middle, sweep = kept[index % kept.size] / count, (rate if index < kept.size else -rate) * count / 2
+    return (0, count), (middle - sweep, middle + sweep)
 
 
-def _chirp_power(kept, rate, memory, series):
-    """Power (b, k, d) along chirps, that of a number of unit variance for each of the two degrees of freedom.
+def _chirp_power(kept, rate, series):
+    """Power (b, 2 k, d) along chirps, that of a number of unit variance for each of the two degrees of freedom.
 
     A real series has the same power along a rate and its opposite at opposite frequencies: one spectrum gives both.
     """
     count, low, high = series.shape[1], kept[0], kept[-1] + 1
-    if id(series) not in memory:
-        found = _turned(series, abs(rate))
-        parts = found[:, low:high], found[:, count - high + 1 : count - low + 1][:, ::-1]
-        memory[id(series)] = [_power(part, count) for part in parts]
-    return memory[id(series)][rate < 0]
+    found = _turned(series, rate)
+    parts = found[:, low:high], found[:, count - high + 1 : count - low + 1][:, ::-1]
+    return _power(np.concatenate(parts, axis=1), count)
 
 
 def _turned(series, rate):

@@ -115,7 +115,7 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
         columns, few = np.arange(place.start, place.stop), []
         while len(kept) < count - 1:
             left = [k for k in range(count) if k not in kept]
-            gains = [_joint_gain(gram, columns[[*kept, k]], problem.size) for k in left]
+            gains = [attribution.gained(gram, columns[[*kept, k]], problem.size)[:2] for k in left]
             (gain, dof), next_one = max(zip(gains, left, strict=True))
             kept.append(next_one)
             worth = gain - COST * dof - 2 * np.sum(np.log(np.arange(len(left), count + 1)))  # the best of so many, each
@@ -307,19 +307,10 @@ def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice)
             if one.cause == other.cause:
                 continue
             places = [problem.places[t.index] for t in (one, other)]
-            gain, dof = _joint_gain(gram, np.r_[places[0], places[1]], problem.size)
+            gain, dof, _ = attribution.gained(gram, np.r_[places[0], places[1]], problem.size)
             lost = [(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
             alone = [chi2_tail.log_tail(*each, choice.freedom) for each in lost]
             score = gain - COST * dof
             if max(alone) < limit and (found is None or score > found[1]):
                 found = (one if one.score > other.score else other, score)
     return found
-
-
-def _joint_gain(gram, index, size):
-    """Gain of several columns, and how many directions they span."""
-    scale = np.where(size[index] > 0, size[index], 1.0)
-    values, vectors = np.linalg.eigh(gram[np.ix_(index, index)] / np.outer(scale, scale))
-    seen = values > attribution.SEEN**2
-    part = (vectors[:, seen] / np.sqrt(values[seen])).T @ (gram[index, 0] / scale)
-    return float(part @ part), int(seen.sum())

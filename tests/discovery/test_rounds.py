@@ -21,6 +21,7 @@ from gravcal.report.discovery import limits_table, outlier_table, tied_table, un
 from gravcal.report.discovery_words import verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
+OFFSET = SimpleNamespace(parameters=["offset"], unit="m", scale=np.ones(1), start=np.zeros(1))
 
 
 def made(rng, signal=0.0):
@@ -91,7 +92,7 @@ def test_a_listed_cause_is_tied_with_what_no_list_holds_if_it_looks_the_same():
     assert (found.cause, found.tied) == ("case.a", [])
     assert [(one["cause"], one["form"]) for one in found.imitators] == [("unknown:field", "twice")]
     assert found.imitators[0]["expected_chi2"] == pytest.approx(0.0, abs=1e-6)
-    numbers = summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1))
+    numbers = summary(result, CHOICE, OFFSET)
     assert numbers["findings"][0]["tied_with"] == ["unknown:field"]
     assert "This data cannot tell that from an effect in no list that follows field." in verdict(numbers)
     assert "twice" in str(tied_table(numbers).rows)
@@ -189,7 +190,7 @@ def test_less_power_than_noise_has_is_an_alarm_too():
     assert result.before.p > 0.05
     assert result.before.quiet < 1e-3
     assert not result.before.adequate(CHOICE.level)
-    numbers = summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1))
+    numbers = summary(result, CHOICE, OFFSET)
     assert "less than its noise" in verdict(numbers)
     assert min(search(*made(rng), CHOICE, rng).before.quiet for _ in range(20)) > 1e-3
 
@@ -207,7 +208,7 @@ def test_an_isolated_outlier_is_left_out_and_reported_and_hides_no_cause():
     assert [f.cause for f in result.findings] == ["case.a"]
     assert result.after.p > CHOICE.level
     assert abs(result.shared[1][0] - 1.0) < 4 * result.sigma[1][0]
-    assert "39" in str(outlier_table(summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1))).rows)
+    assert "39" in str(outlier_table(summary(result, CHOICE, OFFSET)).rows)
     spike = np.eye(300)[:, 100:103] * [1, 0, 0]
     blocks, candidates = made(rng)
     stepped = replace(blocks[0], observed=blocks[0].observed + 12 * spike[:, 0], steps={100.0: spike})
@@ -458,7 +459,7 @@ def test_an_unseen_direction_costs_what_the_seen_ones_leave_possible(prior, held
     leak = [np.concatenate([c, b.global_columns], axis=1) for c, b in zip(first.columns, blocks, strict=True)]
     forms = [Candidate("case.leak", "", ["a", "b"], ["1", "1"], leak, [prior] * 2), replace(second, prior=[prior])]
     result = delivered(search(blocks, forms, CHOICE, np.random.default_rng(1)), CHOICE, 1)
-    numbers = summary(result, CHOICE, ["offset"], "m", 1.0, np.zeros(1))
+    numbers = summary(result, CHOICE, OFFSET)
     for hidden in numbers["indistinguishable_from_calibration"]:  # where half a sigma is plausible
         assert np.allclose(np.abs(hidden["bias"]), prior, rtol=0.1)
         hidden["bias_in_error"] = result.unseen["case.leak"].tolist()
