@@ -32,6 +32,7 @@ LARGEST = 200.0  # times the first guess of a size; what needs more is not seen 
 ALIKE = {"roll": "swing", "second_roll": "second_swing"}  # kinds whose table is that of another
 NOT_DRAWN = ("accelerometer.offset", "ranging.phase_centre", "ranging.antenna_correction", "timing.thruster_delay")
 NOT_DRAWN += ("magnetometer.temperature_bias", "magnetometer.temperature_scale")  # of days
+NOT_DRAWN += ("attitude.star_camera_heads",)  # of SCA1A
 FIXED = ("time", "frequency", "phase", "damping", "period")
 TABLE = tomllib.loads((ROOT / "benchmarks" / "worlds.toml").read_text())
 KINDS = {kind: (world, name) for world, kinds in TABLE["kinds"].items() for kind, name in kinds.items()}

@@ -13,6 +13,7 @@ CHANNELS = {
     "angular_b": "rad s-2",  # reading of the accelerometer, angular
     "electrode_v": "V",  # recorded actuation voltages of an inertial sensor, in the order of its electrodes
     "pointing_b": "rad",  # small rotation from true to measured attitude
+    "heads_b": "rad",  # the same, as far as it follows the heads in use
     "field_b": "T",  # reading of the magnetometer
     "linear_each_b": "m s-2",  # readings of several test masses, one after the other, linear
     "angular_each_b": "rad s-2",  # the same, angular

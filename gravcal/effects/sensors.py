@@ -32,6 +32,10 @@ TIMING.law("timing.clock_drift", "acc_delay", (_RATE,), _CLOCK)(
 law = EFFECTS.law
 _ANGLE = axes("angle", "rad", "measured frame turned about", 1e-4)
 law("attitude.star_camera_misalignment", "pointing_b", _ANGLE, "mounting of the heads")(constant)
+_SHARE = Parameter("share", "1", "bias between heads that SCA1A shows, left in the attitude", 1.0)
+law("attitude.star_camera_heads", "heads_b", (_SHARE,), "mounting of the heads against each other")(
+    lambda context, values: values[0] * context.extra["heads_b"]
+)
 law("magnetometer.bias", "field_b", axes("", "T", "bias of", 5e-7), "CoM paper section 4.1")(constant)
 _SCALE = axes("", "1", "relative excess of the scale of", 0.01)
 law("magnetometer.scale", "field_b", _SCALE, "reading")(scaled("field_b"))

@@ -33,7 +33,7 @@ def context(seed=1, count=COUNT):
     extra |= {"volts": rng.standard_normal((count, 6)), "displacement_b": 1e-6 * rng.standard_normal((count, 3))}
     extra |= {"positions": np.array([[0.1, 0.0, 0.0], [-0.1, 0.0, 0.02]])}
     extra |= {"tesseral_b": 1e-6 * rng.standard_normal((count, 2, 3, 3))}
-    extra |= {"axis_b": rng.standard_normal((count, 3))}
+    extra |= {"axis_b": rng.standard_normal((count, 3)), "heads_b": 1e-4 * rng.standard_normal((count, 3))}
     extra |= {"range": 2e5 + 100 * rng.standard_normal(count), "range_rate": rng.standard_normal(count)}
     extra |= {"correction_band": 1e-6 * (np.arange(5 * count).reshape(count, 5) % 7 - 3)}
     return Context(
@@ -167,6 +167,7 @@ SIGNS = {
     "magnetometer.temperature_bias": ({"x": 2e-8}, [1e-8, 0, 0]),  # in half of the warmth of a long day
     "magnetometer.temperature_scale": ({"z": 1e-3}, [0, 0, 2e-8]),
     "attitude.star_camera_misalignment": ({"angle_y": 1e-4}, [0, 1e-4, 0]),
+    "attitude.star_camera_heads": ({"share": 0.5}, [1e-5, -2e-5, 0]),
 }
 
 
@@ -183,7 +184,8 @@ def test_signs_are_as_stated(slug):
     }
     scene = Context(**{name: np.array([value]) for name, value in fields.items()})
     extra = {"mass": 580.0, "non_gravitational_b": np.array([[1e-8, 2e-8, 3e-8]]), "warmth": np.array([0.5])}
-    scene = replace(scene, epoch=1.0, extra=extra | {"nominal_impulse_b": np.array([[1e-4, 2e-4, 8e-4]])})
+    extra |= {"nominal_impulse_b": np.array([[1e-4, 2e-4, 8e-4]]), "heads_b": np.array([[2e-5, -4e-5, 0]])}
+    scene = replace(scene, epoch=1.0, extra=extra)
     given, expected = SIGNS[slug]
     entry = effect(slug)
     if slug == "accelerometer.misalignment":  # axes turned by +v read R^T a = a - v x a

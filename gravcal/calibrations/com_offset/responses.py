@@ -35,6 +35,7 @@ NOT_HERE = (
     "accelerometer.stray_tone",
     "torque.thruster_firings",
     "timing.thruster_delay",
+    "attitude.star_camera_heads",
     *OF_WARMTH,
 )
 TONES = {"linear": "accelerometer.stray_tone", "angular": "unknown:time"}
