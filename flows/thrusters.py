@@ -17,14 +17,14 @@ TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
 def calibrate(source, chosen):
     """Gain of the attitude thrusters about each axis, and delay of their tags."""
     records = aligned(source, chosen)
-    measured = thrusters.noise(records, **chosen.for_stage("noise"))
+    _, measured, *heads = (known := products(source, chosen, records)).values()
     solved = functools.partial(estimated, source, chosen, measured)
-    records, moved = DISCOVERY.taken_out(source, chosen, records, solved, {"align": records, "noise": measured})
+    records, moved = DISCOVERY.taken_out(source, chosen, records, solved, known)
     found = solved(records)
     checked = thrusters.checks(records, found, **chosen.for_stage("checks"))
     found = thrusters.model_error(found, *moved) if moved else found
-    products = (found, measured, records, checked)
-    return thrusters.report(*products, event=source.event, settings=chosen.for_report())
+    reported = (found, measured, records, checked, *heads)
+    return thrusters.report(*reported, event=source.event, settings=chosen.for_report())
 
 
 def aligned(source, chosen):
@@ -47,9 +47,13 @@ def _inertia(source):
 
 
 def products(source, chosen, records):
-    """Records of the day, and the noise of the attitude as it was recorded, by name."""
-    measured = thrusters.noise(aligned(source, chosen), **chosen.for_stage("noise"))
-    return {"align": records, "noise": measured}
+    """Records of the day, noise of the attitude as it was recorded, and heads where there is SCA1A, by name."""
+    made = {"align": records, "noise": thrusters.noise(aligned(source, chosen), **chosen.for_stage("noise"))}
+    for file in source.files("SCA1A"):
+        mounting = catalog.satellite(source.satellite).settings()["star_camera_mounting"]
+        observed = common.ingest(file, event=source.event)
+        made["heads"] = thrusters.heads(observed, mounting=mounting, **chosen.for_stage("heads"))
+    return made
 
 
 DISCOVERY = Discovery(

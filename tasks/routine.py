@@ -33,7 +33,7 @@ def checks(found, **settings):
     return science.check(found, **settings)
 
 
-@stage(reads=["*"], writes="routine.report", version=1)
+@stage(reads=["*"], writes="routine.report", version=2)
 def report(*products, names, missing, event, settings):
     """Result document and page of all instruments."""
     pages = {"accelerometer": page.PAGE, "magnetometer": magnetometer.PAGE}

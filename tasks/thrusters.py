@@ -6,6 +6,7 @@ from tasks.stage import lazy, stage
 
 model = lazy("gravcal.calibrations.thrusters.model")
 estimation = lazy("gravcal.calibrations.thrusters.estimate")
+heads_science = lazy("gravcal.calibrations.thrusters.noise")
 named_parameters = lazy("gravcal.calibrations.named_parameters")
 reports = lazy("gravcal.report.named_parameters")
 page = lazy("gravcal.calibrations.thrusters.page")
@@ -23,6 +24,12 @@ def align(observed, fired, orbit, *twin, **settings):
 def noise(aligned, **settings):
     """Noise of the attitude between firings."""
     return model.quiet_noise(aligned, **settings)
+
+
+@stage(reads=["ingest"], writes="thrusters.heads", version=1)
+def heads(observed, **settings):
+    """Mounting of the heads of the star camera against each other, and their noise."""
+    return heads_science.heads(observed, **settings)
 
 
 @stage(reads=["thrusters.align", "thrusters.noise"], writes="thrusters.estimate", version=1)
@@ -43,10 +50,10 @@ def checks(aligned, found, **settings):
     return estimation.check(aligned, found, **settings)
 
 
-REPORTED = [f"thrusters.{name}" for name in ("estimate", "noise", "align", "checks")]
+REPORTED = [f"thrusters.{name}" for name in ("estimate", "noise", "align", "checks", "heads")]
 
 
-@stage(reads=REPORTED, writes="thrusters.report", version=1)
+@stage(reads=REPORTED, writes="thrusters.report", version=2)
 def report(*products, event, settings):
-    """Result document and page."""
+    """Result document and page; the heads are the last product, where there is SCA1A."""
     return reports.report(page.PAGE, *products, event=event, settings=settings)

@@ -39,7 +39,9 @@ class Page:
     calibration: str
     heading: str
     verdict: str  #: what the values are of, such as "Gain of the impulses"
-    products: Sequence[str]  #: stages that the report reads, in their order; among them "estimate" and "checks"
+    products: Sequence[
+        str
+    ]  #: stages that the report reads, "estimate" and "checks" among them; the last may be missing
     #: {stage: Dataset} -> facts, plain numbers with units in their names, and sections after the result
     content: Callable[[Mapping[str, xr.Dataset]], tuple[dict, list[Section]]]
     #: {stage: Dataset} -> more of the document by name, and a sentence of the verdict on it
@@ -48,7 +50,7 @@ class Page:
 
 def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tuple[xr.Dataset, dict[str, str]]:
     """Report product of one event and its files, from the products that the page names and all settings."""
-    products = dict(zip(own.products, given, strict=True))
+    products = dict(zip(own.products, given, strict=False))
     facts, sections = own.content(products)
     more, sentence = own.more(products)
     found = products["estimate"]
@@ -61,7 +63,7 @@ def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tupl
     made = documents.delivered(own.calibration, body | parameters | more, products, checks, **about)
     stated = [[name.replace("_", " "), _short(value)] for name, value in facts.items()]
     shown = [
-        Section("Result", [parameter_table(parameters["parameters"], "estimate")], [_parts]),
+        Section("Result", [parameter_table(parameters["parameters"], "estimate")], [by_part]),
         *sections,
         Section("Record", [Table("Facts of the record.", ["fact", "value"], stated)]),
     ]
@@ -89,7 +91,8 @@ def _short(value):
 
 
 @figure("estimate", caption="Each part of the record by itself (points), and all (line, band).")
-def _parts(found):
+def by_part(found):
+    """Determined parameters, a panel each."""
     known = np.flatnonzero(np.isfinite(found["value"].values))
     if not known.size or found.sizes["part"] < 2:
         return None

@@ -93,10 +93,12 @@ for _name in ("magnetometer", "ranging", "thrusters"):
     GOOD[_name] = _head(_name, parameters=_NAMED, covariance=_MATRIX, facts={}, verdict={"text": ""})
 _BAND = {"band_mhz": [5.0, 10.0], "value": 1.0, "sigma": 0.2, "expected": 0.9, "range_um": {"none": 77.0}}
 GOOD["ranging"] |= {"share": [_BAND]}
+GOOD["thrusters"] |= {"heads": {"said": "no SCA1A", "parameters": None}}
 _MISSING = {"status": "missing", "said": "no KBR1B", "proven_on": "simulated days"}
 _PARTS = dict.fromkeys(("accelerometer", "magnetometer", "thrusters", "ranging"), _MISSING)
 _FITTED = {"statistics": [], "causes": [], "adequate": None, "parameters": _NAMED, "covariance": _MATRIX, "facts": {}}
-_PARTS["thrusters"] = _MISSING | {"status": "fitted"} | _FITTED
+_HEADS = {"heads": {"said": "From 12 blocks.", "parameters": _NAMED, "covariance": _MATRIX}}
+_PARTS["thrusters"] = _MISSING | {"status": "fitted"} | _FITTED | _HEADS
 GOOD["routine"] = _head("routine", instruments=_PARTS, parameters={}, verdict={"text": ""})
 _PARTS = {"events": [], "causes": [], "contradicting": [], "predicted": [], "motion": {}}
 GOOD["joint"] = _head("com_offset", parameters=["x"], unit="um", level=0.005, tried=9, **_PARTS)

@@ -126,6 +126,7 @@ def report(
 def _instrument(part, own, mine):
     """Part of the document, and section, of one instrument."""
     facts, shown = own.content(mine)
+    more, _ = own.more(mine)
     known = document(mine["estimate"])
     numbers = json.loads(mine["discovery"].attrs["numbers"]) if "discovery" in mine else {}
     named = [
@@ -151,7 +152,7 @@ def _instrument(part, own, mine):
     tables += [parameter_table(known["parameters"], f"{part}.estimate"), *_placed(part, shown, "tables")]
     notes = [*(note for one in shown for note in one.notes), f"Proven on {PROVEN[part]}."]
     section = Section(title(part), tables, _placed(part, shown, "figures"), notes)
-    return made | known | {"facts": facts}, section
+    return made | known | more | {"facts": facts}, section
 
 
 def _placed(part, sections, kind):

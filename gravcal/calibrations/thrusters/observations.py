@@ -23,6 +23,8 @@ DELAYS = {"timing.thruster_delay": 1, "timing.star_camera_delay": -1}  # late fi
 unweighed = functools.partial(listed, prior=False)
 LATE_S = 10  # within seconds control answers a firing
 WHOLE_S = 0.5  # delays are looked for in whole seconds
+HEADS = 0b111  # bits of sca_id that are heads; another is the gyroscopes
+SEEN = 3.0  # sigma of a bias between heads that may move the attitude
 
 
 def observe(products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot_s: float) -> Attitude:
@@ -30,14 +32,15 @@ def observe(products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot
 
     Parameters
     ----------
-    products : "align" and "noise" of thrusters
+    products : "align" and "noise" of thrusters; "heads" where there is SCA1A
     inertia : (3, 3) kg m2
     block_s, knot_s : s, length of the blocks and spacing of the knots of the smooth torque
     """
     records, noise = model.records(products["align"]), model.noise_of(products["noise"])
     rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
     late = model.late(records, inertia)
-    return Attitude(products["align"], records, rows, late if abs(late) > LATE_S else 0)
+    late = late if abs(late) > LATE_S else 0
+    return Attitude(products["align"], records, rows, late, products.get("heads"))
 
 
 @dataclass(frozen=True)
@@ -48,6 +51,7 @@ class Attitude(Observations):
     records: model.Records  #: of the day
     rows: list[estimate.Rows]  #: of every block
     late: int  #: s, tags of the firings late against the attitude, 0 where by no more than LATE_S
+    heads: xr.Dataset | None = None  #: "thrusters.heads"
 
     name = "thrusters"
     #: Whitened components; with a single camera the second and third are mixtures of pitch and yaw.
@@ -102,10 +106,27 @@ class Attitude(Observations):
             names = [f"{axis}_of_{head}" for head in heads for axis in "xyz"]
             steps = [segment.heads(heads) for segment in segments]
             made.append(_driver("star_camera_in_use", "attitude steps", "rad", steps, names))
+            made += self._by_the_heads(segments)
         if self.records.twin is not None:
             other = [segment.gains(self.records.twin) for segment in segments]
             made.append(_driver("twin_firings", "impulse", "N m s", other))
         return [*made, *self._along_the_orbit(segments)]
+
+    def _by_the_heads(self, segments: list[Segment]):
+        """Steps that the bias between heads makes, where SCA1A shows one and each head in use is known."""
+        if self.heads is None:
+            return []
+        turns = dict(zip(self.heads["code"].values.tolist(), self.heads["turn_b"].values, strict=True))
+        used = {int(head) & HEADS for head in model.heads_of(segments)}
+        bias = [str(name).startswith("bias") for name in self.heads["parameter"].values]
+        seen = np.abs(self.heads["value"].values[bias]) > SEEN * self.heads["sigma"].values[bias]
+        if len(used) < 2 or not used <= turns.keys() or not seen.any():
+            return []
+        cause, columns = effect("attitude.star_camera_heads"), []
+        for segment in segments:
+            heads_b = np.array([turns[head] for head in segment.camera.head & HEADS])
+            columns.append(cause.columns(Context(time=segment.camera.time, extra={"heads_b": heads_b})))
+        return [unweighed(cause, columns)]
 
     def _along_the_orbit(self, segments: list[Segment]):
         """Torque that is there in sunlight only, and a constant dipole of the satellite in the field."""
