@@ -100,6 +100,7 @@ def scene_settings(source, chosen):
     known = chosen.for_stage("observable") | chosen.for_stage("solve")
     names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz", "band_hz")
     known = {name: known[name] for name in names} | nominal_of(source) | {"of_noise": chosen.for_stage("noise")}
+    known |= {"of_pointing": _pointing_settings(source, chosen), "of_observable": chosen.for_stage("observable")}
     x, *yz = (chosen.for_stage("report")[f"plausible_{axes}_mm"] for axes in ("x", "yz", "yz"))
     return known | {"plausible_mm": (x, *yz)}
 

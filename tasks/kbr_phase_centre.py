@@ -57,7 +57,7 @@ def model_error(combined, *moved, **settings):
     return estimate_science.with_model_error(combined, *moved, **settings)
 
 
-@stage(reads=[ALIGN, POINTING, OBSERVABLE, OBSERVABLE, "ingest"], writes=CHECKED, version=1)
+@stage(reads=[ALIGN, POINTING, OBSERVABLE, OBSERVABLE, "ingest"], writes=CHECKED, version=2)
 def checks(aligned, pointed, ranges, rates, *orbits, **settings):
     """What orbits, attitudes and ranging must satisfy against each other."""
     return checks_science.of_inputs(aligned, pointed, ranges, rates, *orbits, **settings)

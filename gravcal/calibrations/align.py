@@ -3,8 +3,9 @@
 import numpy as np
 import xarray as xr
 
+from gravcal.errors import EstimationError
 from gravcal.estimation import timing
-from gravcal.physics import earth
+from gravcal.physics import earth, frames
 
 #: Bits of a reader's flag that make a sample unusable; order and repetition are settled here.
 UNUSABLE = 1 | 2 | 16 | 32 | 64 | 128
@@ -12,6 +13,10 @@ UNUSABLE = 1 | 2 | 16 | 32 | 64 | 128
 QUALITY = {"ACC1A": 0b1101010, "ACT1A": 0b1101010, "SCA1B": 0b1, "MAG1B": 0b11000010, "GNV1B": 0, "GNI1B": 0}
 STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
 QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
+#: Of tags of a pair: longest lag that is looked for, step of the epochs compared, distance of lags that differ clearly,
+#: from a manoeuvre, and least lag of tags that are off, s; pointing off by milliradians looks like a few seconds.
+LONGEST_S, EVERY_S, APART_S, MARGIN_S, LATE_S = 600, 60, 60, 300.0, 10.0
+CLEARLY = 4.0  # times what any lag further away leaves
 
 
 def sorted_samples(observed: xr.Dataset, tags: timing.Tags, names: tuple[str, ...], bad=None):
@@ -105,3 +110,61 @@ def orbit_states(time: np.ndarray, values: np.ndarray, product: str) -> dict[str
         return {"position_i": position, "velocity_i": velocity, "position_e": fixed[0]}
     inertial = earth.state_to_inertial(time, position, velocity)
     return {"position_i": inertial[0], "velocity_i": inertial[1], "position_e": position}
+
+
+def late_of_pair(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
+    """Whole seconds (5,) by which tags of ranging, of both star cameras and of both orbits are late.
+
+    Those of both orbits alike are those of all others early. A lag is 0 where none stands out; star cameras are looked
+    at in routine pointing. Products are "align" and "pointing" of kbr_phase_centre.
+    """
+    lag, time, found = np.arange(-LONGEST_S, LONGEST_S + 1), pointed["time"].values, np.zeros(5)
+    place = np.arange(LONGEST_S, time.size - LONGEST_S, EVERY_S)
+    if place.size < 2:
+        return found
+    position = aligned["position_i"].values
+    velocity = np.gradient(position, axis=1)
+    read = np.interp(time[place], aligned["time_kbr"].values, aligned["reading_range_rate"].values)
+
+    def left(first, second):
+        apart = position[1, second] - position[0, first]
+        rate = np.einsum("ni,ni->n", apart, velocity[1, second] - velocity[0, first])
+        return np.nanmean((read - rate / np.linalg.norm(apart, axis=1)) ** 2)
+
+    tried = {
+        0: [left(place - k, place - k) for k in lag],
+        3: [left(place + k, place) for k in lag],
+        4: [left(place, place + k) for k in lag],
+    }
+    best = min(tried, key=lambda which: min(tried[which]))  # the ranging if none is late
+    found[best] = _clear(lag, tried[best])
+    at = [np.clip(np.arange(time.size) + int(k), 0, time.size - 1) for k in found[3:]]
+    between = position[1, at[1]] - position[0, at[0]]
+    between /= np.linalg.norm(between, axis=1, keepdims=True)
+    spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
+    routine = place[~in_windows(time[place], spans, MARGIN_S)]
+    for k, toward in enumerate((between, -between)):
+        quaternion = aligned["quaternion"].values[k]
+        known = routine[np.isfinite(quaternion[routine]).all(axis=1)]
+        if known.size:
+            x = frames.R_bi_from_quaternion(quaternion[known])[:, 0]
+            angle = 1 - np.nanmean(np.einsum("na,nla->nl", x, toward[known[:, None] - lag]), axis=0)
+            found[1 + k] = _clear(lag, angle)
+    return found
+
+
+def _clear(lag, left):
+    """Lag that leaves least, 0 unless any that is further away leaves clearly more."""
+    best = lag[np.argmin(left)]
+    return best if CLEARLY * np.min(left) < np.min(np.asarray(left)[np.abs(lag - best) > APART_S]) else 0
+
+
+def refuse_late_orbits(late: np.ndarray, satellites: str) -> None:
+    """Raise if the tags of one orbit are off, of `late_of_pair`: of such a pair nothing else can be said."""
+    for letter, one in zip(satellites, late[3:], strict=True):
+        if abs(one) > LATE_S:
+            raise EstimationError(
+                f"orbit {letter}: its tags are late by {one:.0f} s against ranging and the other orbit, expected at "
+                f"most {LATE_S:.0f} s, so that no cause can be looked for. Give an orbit of the same time.",
+                late=float(one),
+            )

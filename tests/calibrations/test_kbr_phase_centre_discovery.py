@@ -1,16 +1,23 @@
 """What discovery sees of a ranging campaign."""
 
+import json
+
 import numpy as np
 import pytest
 from kbr_campaign import DAY, NOMINAL, process, simulated, true_mm
 from scipy.stats import chi2
 
 from gravcal import catalog
-from gravcal.calibrations.align import QUATERNION
+from gravcal.calibrations.align import LATE_S, QUATERNION, late_of_pair, refuse_late_orbits
 from gravcal.calibrations.kbr_phase_centre.observations import observe
-from gravcal.discovery import attribution
+from gravcal.discovery import attribution, driver
 from gravcal.discovery.problem import baseline_of, inverse_of, prepare
+from gravcal.errors import EstimationError
+from gravcal.estimation.records import Entry, Parameter
+from tasks import kbr_phase_centre as stages
 
+MEASURED = (("noise", "measured"),)
+GIVEN = {"nominal_m": NOMINAL, "given": ()}
 #: Only the first satellite turns: x of the second is all but a bias.
 ONE = (("manoeuvres", "+pitch_a,,,-pitch_a,+yaw_a,,,-yaw_a"), ("amplitude_deg", 0.5))
 
@@ -34,6 +41,8 @@ def seen(columns):
     products, parameters = process(columns), catalog.parameters("kbr_phase_centre")
     names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz", "band_hz")
     given = {name: parameters.entries[name].value for name in names} | {"of_noise": parameters.for_stage("noise")}
+    given |= {"of_observable": parameters.for_stage("observable")}
+    given |= {"of_pointing": parameters.for_stage("pointing") | GIVEN}
     parts = (products.aligned, products.pointed, products.equations[0], products.noise, products.solved[0])
     named = dict(zip(("align", "pointing", "observable", "noise", "solve"), parts, strict=True))
     return observe(named, nominal_m=NOMINAL, plausible_mm=(100.0, 5.0, 5.0), **given)
@@ -56,6 +65,31 @@ def test_a_late_star_camera_of_one_satellite_is_a_delay_of_that_one():
     columns["SCA1B", "D"] = late | dict(zip(QUATERNION, quaternion.T, strict=True))
     found = best(seen(columns))
     assert (found.cause, found.form) == ("timing.star_camera_delay", "b alone")
+
+
+@pytest.mark.parametrize(
+    ("late", "cause"),
+    [("SCA1BC", "timing.star_camera_delay"), ("KBR1B", "ranging.delay")],
+)
+def test_records_shifted_against_each_other_name_no_cause_but_timing(late, cause):
+    """Recovery: tags 137 s late: the delay within 4 sigma, which are below a second, and noise is left; no orbit is.
+
+    Star cameras as measured: their noise in the turning of the satellites would hide four fifths of a second.
+    """
+    columns = {key: dict(one) for key, one in simulated(7, MEASURED)[0].items()}
+    for key in (one for one in columns if "".join(one).startswith(late)):
+        columns[key]["gps_time"] = columns[key]["gps_time"] + 137
+    observed = seen(columns)
+    told = json.loads(driver.discover(observed, driver.Limits(0.005, 9.0, 4, 1800.0, 1)).attrs["numbers"])
+    (one,) = told["findings"]
+    assert (one["cause"], one["tied_with"], told["adequate_after"]) == (cause, [], True)
+    delay = Parameter(**one["parameters"]["delay"])
+    assert abs(delay.value - 137) < 4 * delay.sigma < 1
+    back = observed.without([Entry(cause, one["form"], {"delay": delay})])
+    pointed = stages.pointing(back, **catalog.parameters("kbr_phase_centre").for_stage("pointing"), **GIVEN)
+    assert np.all(np.abs(late_of_pair(back, pointed)) < LATE_S)
+    with pytest.raises(EstimationError, match="orbit D: its tags are late by 137 s"):
+        refuse_late_orbits(np.array([0, 0, 0, 0, 137]), "CD")
 
 
 @pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="long doubles have no more digits here")

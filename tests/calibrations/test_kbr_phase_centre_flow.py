@@ -214,7 +214,9 @@ SPOILED = {
     ),
     "orbit late": ([OF_C], lambda c: {"gps_time": c["gps_time"] + 1}, "range rate against orbits, rms"),
     "ranging late": ([KBR], lambda c: {"gps_time": c["gps_time"] + 1}, "range rate against orbits, rms"),
-    "attitude late": ([CAMERA_C], lambda c: {"gps_time": c["gps_time"] + 60}, "routine pointing C"),
+    "orbit minutes late": ([OF_D], lambda c: {"gps_time": c["gps_time"] + 137}, "tags of orbit D, late"),
+    "ranging minutes late": ([KBR], lambda c: {"gps_time": c["gps_time"] + 137}, "tags of ranging, late"),
+    "attitude late": ([CAMERA_C], lambda c: {"gps_time": c["gps_time"] + 60}, "tags of star camera C, late"),
     "ranging scaled": ([KBR], lambda c: {n: c[n] * (1 + 1e-4) for n in RANGES}, "range against orbits, rms"),
     "ranging in pieces": (  # a jump every ten minutes, which the record does not mark
         [KBR],

@@ -15,8 +15,9 @@ import numpy as np
 import xarray as xr
 from scipy.signal import lfilter
 
+from gravcal.calibrations.align import LATE_S, late_of_pair, refuse_late_orbits
 from gravcal.calibrations.causes import listed
-from gravcal.calibrations.kbr_phase_centre import noise
+from gravcal.calibrations.kbr_phase_centre import model, noise
 from gravcal.calibrations.kbr_phase_centre.align import interpolated
 from gravcal.calibrations.kbr_phase_centre.estimate import of_manoeuvres
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, PARAMETERS, angles, middle
@@ -83,19 +84,38 @@ def observe(
     crn_bandwidth_hz: float,
     band_hz,
     of_noise: Mapping,
+    of_pointing: Mapping,
+    of_observable: Mapping,
     plausible_mm: Sequence[float],
 ) -> Ranging | None:
     """Observations of a campaign, None without a wiggle.
 
     Products are "align", "pointing", "observable", "noise" and "solve" of the range, the settings those of their
-    stages, of_noise those of `noise.noise`; phase centres may be plausible_mm (3,) from nominal_m (2, 3) of the
-    catalogue.
+    stages, of_noise, of_pointing and of_observable those of `noise.noise`, `model.pointing` and `model.observable`;
+    phase centres may be plausible_mm (3,) from nominal_m (2, 3) of the catalogue. Tags that are minutes off are moved
+    back, and what they do is in the rows to first order: nothing else is looked for.
     """
     aligned, pointed, equations = (products[name] for name in ("align", "pointing", "observable"))
+    late, nominal = late_of_pair(aligned, pointed), np.asarray(nominal_m, dtype=float).reshape(2, 3)
+    refuse_late_orbits(late, pointed.attrs["satellites"])
     if not pointed.sizes["manoeuvre"]:
         return None
+    records, measured, centre = aligned, products["noise"], products["solve"]["centre"].values[0, 0]
+    late = np.where(np.abs(late[:3]) > LATE_S, late[:3], 0.0)
+    if late[1:].all() and np.ptp(late[1:]) < LATE_S:
+        late[1:] = np.rint(late[1:].mean())  # both off the line of sight, by the opposite
+    if late.any():
+        attitude = [
+            turned(aligned["time"].values, *one) for one in zip(aligned["quaternion"].values, late[1:], strict=True)
+        ]
+        aligned = aligned.assign(quaternion=aligned["quaternion"].copy(data=attitude))
+        aligned = aligned.assign_coords(time_kbr=aligned["time_kbr"].values - late[0])
+        pointed = model.pointing(aligned, **of_pointing)
+        settings = {"nominal_m": nominal, "variant": OBSERVABLES[0]}
+        equations = model.observable(aligned, pointed, **of_observable, **settings)
+        measured, centre = noise.noise(equations, **of_noise), nominal.ravel()
     filter_ = crn.Crn(window_s=crn_window_s, bandwidth_hz=crn_bandwidth_hz)
-    time, good, measured = pointed["time"].values, pointed["usable"].values != 0, products["noise"]
+    time, good = pointed["time"].values, pointed["usable"].values != 0
     if noise.of_star_cameras(measured, equations["lever"].values[equations["arc"].values >= 0, 0], band_hz[1]):
         pointed = smoothed(pointed, equations, band_hz[1])
         through = crn.operator(filter_, 0, good, (time[0], 1.0), equations["time_kbr"].values)
@@ -118,8 +138,6 @@ def observe(
             places.append(rows)
             first += rows.size
     rows = np.concatenate(places or [np.zeros(0, dtype=int)])
-    nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
-    centre = products["solve"]["centre"].values[0, 0]
     centre = np.where(np.isfinite(centre), centre, nominal.reshape(6))
     through = crn.operator(filter_, 0, good, (time[0], 1.0), at[rows])
     column = equations["column"].values[rows]
@@ -127,8 +145,27 @@ def observe(
     for half in halves:
         residual[half.rows] -= residual[half.rows].mean()  # a bias of 220 km would cost six digits
     known = context(aligned, pointed, nominal)
+    for part in _moving(time, equations) if "smoothed_hz" in measured.attrs else ():
+        for one in np.moveaxis(known.extra["turning"][part], 1, 0):  # noise of R_bi, which exceeds that of the range
+            one[:] = noise.smoothed(one, band_hz[1])
     expected = dict(zip(PARAMETERS, zip(1e3 * nominal.ravel(), [*plausible_mm] * 2, strict=True), strict=True))
-    return Ranging(aligned, measured, known, filter_, good, through, halves, residual, column, centre, expected)
+    made = Ranging(records, measured, known, filter_, good, through, halves, residual, column, centre, expected, late)
+    if late.any():
+        residual += made.filtered @ [made.far[one.cause, one.form] for one in made.signals]
+        for half in halves:
+            residual[half.rows] -= residual[half.rows].mean()
+    return made
+
+
+def turned(time: np.ndarray, quaternion: np.ndarray, late) -> np.ndarray:
+    """Attitudes (n, 4) at the time s that their tags should have had, late by (n,) s; NaN beyond the record."""
+    if not np.any(late):
+        return quaternion
+    good, at = np.isfinite(quaternion).all(axis=1), time + late
+    ends = time[good][[0, -1]]
+    moved = interpolated(time[good], quaternion[good], np.clip(at, *ends), 10.0)
+    moved[(at < ends[0] - LATE_S) | (at > ends[1] + LATE_S)] = np.nan
+    return moved / np.linalg.norm(moved, axis=1, keepdims=True)
 
 
 def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> xr.Dataset:
@@ -137,17 +174,23 @@ def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> x
     Where star cameras are noisier than the range, their noise is in the rows and in every column that is made of the
     lines of sight, and the columns explain it (errors in variables).
     """
-    time, line = pointed["time"].values, pointed["line_of_sight_b"].values.copy()
-    at, number = equations["time_kbr"].values, equations["arc"].values
-    for part in np.split(np.arange(at.size), np.flatnonzero(np.diff(number)) + 1):
-        first, last = np.searchsorted(time, [at[part[0]] - FILTER_S - 1, at[part[-1]] + FILTER_S + 1])
-        for one in line[:, first:last] if number[part[0]] != -2 else ():
+    line = pointed["line_of_sight_b"].values.copy()
+    for rows in _moving(pointed["time"].values, equations):
+        for one in line[:, rows]:
             missing = ~np.isfinite(one).all(axis=1)
             one[:, 1:] = noise.smoothed(one[:, 1:], highest_hz)
             one[:, 0] = np.sqrt(1 - np.sum(one[:, 1:] ** 2, axis=1))
             one[missing] = np.nan
     new = {"line_of_sight_b": line, "angle": angles(line)}
     return pointed.assign({name: pointed[name].copy(data=values) for name, values in new.items()})
+
+
+def _moving(time, equations):
+    """Seconds of quiet data and of each manoeuvre, away from slews."""
+    at, number = equations["time_kbr"].values, equations["arc"].values
+    for part in np.split(np.arange(at.size), np.flatnonzero(np.diff(number)) + 1):
+        if number[part[0]] != -2:
+            yield slice(*np.searchsorted(time, [at[part[0]] - FILTER_S - 1, at[part[-1]] + FILTER_S + 1]))
 
 
 @dataclass(frozen=True)
@@ -167,6 +210,9 @@ class Ranging(records.Observations):
     start: np.ndarray  #: (6,) m, phase centres of the solution
     #: {parameter: mm, of the catalogue and how far it may be from it}
     expected: Mapping[str, tuple[float, float]] = field(default_factory=dict)
+    late: np.ndarray = field(
+        default_factory=lambda: np.zeros(3)
+    )  #: (3,) s, tags of ranging and star cameras, minutes off
 
     name = "kbr_phase_centre"
     channels = ("range",)
@@ -195,9 +241,19 @@ class Ranging(records.Observations):
 
     @functools.cached_property
     def signals(self) -> list[records.Candidate]:
-        """Effects of the catalogue, then regressors, on whole seconds."""
+        """Effects of the catalogue, then regressors, on whole seconds; tags alone where they are minutes off."""
         known = effects_of(self.context, self.start.reshape(2, 3))
+        if self.far:
+            return [replace(one, apart=True) for one in known if (one.cause, one.form) in self.far]
         return known + drivers(self.context, [half.time[0] for half in self.halves])
+
+    @functools.cached_property
+    def far(self) -> dict[tuple[str, str], float]:
+        """Delays s of tags that are minutes off, by cause and form."""
+        ranging, *both = self.late
+        cameras = {"": both[0]} if both[0] == both[1] else {"a alone": both[0], "b alone": both[1]}
+        found = {("ranging.delay", ""): ranging} | {("timing.star_camera_delay", of): s for of, s in cameras.items()}
+        return {which: size for which, size in found.items() if size}
 
     @functools.cached_property
     def filtered(self) -> np.ndarray:
@@ -253,7 +309,7 @@ class Ranging(records.Observations):
             else:
                 made += [*whole.each_alone(), *_of_satellites(whole)] if whole.listed and not whole.form else [whole]
             first = last
-        for number in dict.fromkeys(half.manoeuvre for half in self.halves):
+        for number in dict.fromkeys(half.manoeuvre for half in self.halves if not self.far):
             members = [half for half in self.halves if half.manoeuvre == number]
             begin, end = members[0].time[0] + BREAK_MARGIN_S, members[-1].time[-1] - BREAK_MARGIN_S
             cuts = [half.time[0] + NEAR_CUT_S for half in members[1:]]
@@ -346,13 +402,16 @@ class Ranging(records.Observations):
             known = effect(entry.cause)
             added = known.contribution(self.context, known.values(entry.values))
             those = SATELLITES.get(entry.form.partition(",")[0], (0, 1))
+            if entry.cause == "ranging.delay" and self.late[0]:  # by whole seconds; the rest in the range
+                delay = entry.values["delay"]
+                records = records.assign_coords(time_kbr=records["time_kbr"].values - np.rint(delay))
+                added = added * (1 - np.rint(delay) / delay)
             if known.channel == "range":
                 total += np.where(np.isfinite(added), added, 0.0)
             for k, q in ((k, attitude[k]) for k in those):
                 good = np.isfinite(q).all(axis=1)
                 if known.channel == "sca_delay":
-                    moved = interpolated(time[good], q[good], np.clip(time + added, *time[good][[0, -1]]), 10.0)
-                    attitude[k] = moved / np.linalg.norm(moved, axis=1, keepdims=True)
+                    attitude[k] = turned(time, q, added)
                 elif known.channel == "pointing_b":
                     q[good] = frames.quaternion_product(q[good], frames.from_rotation_vector(-added[good]))
         for derivative, name in enumerate(OBSERVABLES if total.any() else ()):

@@ -14,12 +14,13 @@ import xarray as xr
 from scipy.linalg import cholesky, solve_triangular
 
 from gravcal.calibrations import checks, named_parameters, schemas
+from gravcal.calibrations.align import late_of_pair
 from gravcal.calibrations.schemas import build
 from gravcal.effects.ranging import BANDS_HZ
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation.noise import filtered, fit_noise, in_bands, log_linear
-from gravcal.physics import frames, orbit_environment
+from gravcal.physics import orbit_environment
 
 SCHEMAS = schemas.of("ranging.toml")
 
@@ -35,7 +36,6 @@ BINS = 4096  # frequencies between zero and Nyquist
 ROUNDING = 1e-12  # of the variance: late tags leave hundreds of metres
 ROUNDS, SCORINGS = 4, 4  # of the spectrum: whitened anew, and in between
 WHITE_HZ = 0.08  # up to which the filters of the star cameras and of the ranging leave white noise white
-LONGEST_S = 600  # by which tags are looked for
 LEAST_GAIN = 0.5  # of the pointing: motion exceeds its noise
 
 
@@ -85,30 +85,12 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
         "range_rate": np.gradient(distance, all_at)[here],
         "argument": np.interp(at, orbit, argument),
         "warmth": orbit_environment.warmth(at, orbit, position),
-        "late": late(aligned, pointed),
+        "late": late_of_pair(aligned, pointed),
         "frequency": frequency,
         "pointing_density": density,
         "pointing_gain": gain,
     }
     return build(SCHEMAS["align"], values, satellites=equations.attrs["satellites"], ranging=equations.attrs["ranging"])
-
-
-def late(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
-    """Whole seconds (3,) by which the tags of ranging and of both star cameras are late against those of the orbits."""
-    lag, count = np.arange(-LONGEST_S, LONGEST_S + 1), pointed.sizes["time"]
-    place = np.arange(LONGEST_S, count - LONGEST_S, 60)
-    if place.size < 2:
-        return np.zeros(3)
-    then = place[:, None] - lag
-    read = np.interp(pointed["time"].values[place], aligned["time_kbr"].values, aligned["reading_range_rate"].values)
-    misfit = [np.nanmean((read[:, None] - np.gradient(pointed["range_com"].values)[then]) ** 2, axis=0)]
-    between = np.subtract(*aligned["position_i"].values)
-    between /= np.linalg.norm(between, axis=1, keepdims=True)
-    for quaternion, toward in zip(aligned["quaternion"].values, (-between, between), strict=True):
-        known = np.isfinite(quaternion[place]).all(axis=1)
-        ahead = frames.R_bi_from_quaternion(quaternion[place][known])[:, 0]
-        misfit.append(-np.nanmean(np.einsum("na,nla->nl", ahead, toward[then[known]]), axis=0))
-    return np.array([lag[np.argmin(one)] for one in misfit], dtype=float)
 
 
 def pointing_gain(line_b: np.ndarray, noise_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -14,6 +14,7 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
+from gravcal.calibrations.align import LATE_S, refuse_late_orbits
 from gravcal.calibrations.causes import listed
 from gravcal.calibrations.ranging import model
 from gravcal.effects import Context, Effect, effect
@@ -33,7 +34,6 @@ EFFECTS = (
     "ranging.thermal",
 )
 
-LATE_S = 10.0  # pointing off the line of sight by milliradians looks like a few seconds
 WHOLE_S = 0.5  # delays are looked for in whole seconds
 
 
@@ -58,6 +58,7 @@ def observe(
     range_block_s, range_degree, noise_order : as of `model.blocks`
     """
     rows, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
+    refuse_late_orbits(rows["late"].values, rows.attrs["satellites"])
     added = 0.0 if correction_left_out else rows["correction"].values
     settings = {"range_block_s": range_block_s, "range_degree": range_degree, "noise_order": noise_order}
     ahead, segment = rows["time"].values + rows["late"].values[0], rows["segment"].values
@@ -75,13 +76,14 @@ def late_columns(rows: xr.Dataset) -> dict[str, np.ndarray]:
     Nothing else can be told from records of different times. Lines of sight by late star cameras are those of a
     satellite turned by degrees, so that their antenna correction is all error.
     """
-    ranging, camera = rows["late"].values[0], np.mean(rows["late"].values[1:])
+    ranging, cameras = rows["late"].values[0], rows["late"].values[1:3]
+    camera = np.mean(cameras[np.abs(cameras) > LATE_S]) if np.max(np.abs(cameras)) > LATE_S else 0.0
     time, distance, found = rows["time"].values, rows["range"].values, {}
     if abs(ranging) > LATE_S:
         then = CubicHermiteSpline(time, distance, rows["range_rate"].values)
         at = np.clip(time + ranging, time[0], time[-1])
         found["ranging.delay"] = (distance - then(at))[:, None] / ranging
-    if abs(camera) > LATE_S:
+    if camera:
         found["timing.star_camera_delay"] = rows["correction"].values[:, None] / camera
     return found
 
@@ -156,9 +158,10 @@ class Routine(Observations):
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
         """Delays as the records show them, phase centres null where this day does not determine a component."""
         if entry.cause in late_columns(self.rows):
-            ranging, *cameras = self.rows["late"].values
-            one = [ranging] if entry.cause == "ranging.delay" else cameras
-            error = max(np.ptp(one) / 2, WHOLE_S)
+            far = np.abs(self.rows["late"].values) > LATE_S
+            own = slice(0, 1) if entry.cause == "ranging.delay" else slice(1, 3)
+            one, rest = (self.rows["late"].values[own][kept[own]] for kept in (far, ~far))
+            error = max(np.ptp(one) / 2, *np.abs(rest), WHOLE_S)  # pointing off the line of sight
             return replace(entry, parameters={"delay": Parameter(float(np.mean(one)), float(error), "s")})
         if entry.cause != "ranging.phase_centre":
             return entry
