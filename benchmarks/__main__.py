@@ -13,6 +13,7 @@ from benchmarks.tables import summary  # noqa: E402
 #: Module and function of each study; run without being asked for by name: always, or not with --quick ("whole").
 NAMES = {
     "recovery": ("recovery", "recovery", "always"),
+    "heads": ("recovery", "heads", ""),
     "readers": ("speed", "readers", "always"),
     "attitude": ("speed", "attitude", "always"),
     "field": ("speed", "field", "always"),

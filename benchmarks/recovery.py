@@ -1,7 +1,9 @@
-"""Recovery of an invented centre-of-mass offset over many events, against its error and the Cramer-Rao bound."""
+"""Recovery of an invented centre-of-mass offset, against its error and the Cramer-Rao bound; of star-camera heads."""
 
 import datetime
 import functools
+import tempfile
+from pathlib import Path
 from unittest import mock
 
 import numpy as np
@@ -178,3 +180,28 @@ def chi2_figure(name: str, chi2: np.ndarray, dof: np.ndarray) -> Figure:
     low, high = stats.chi2.interval(1 - FALSE_ALARM / FAMILY, count)
     value, low, high = float(np.sum(chi2)) / count, low / count - 0.05, high / count + 0.05
     return Figure(name, f"{value:.3f}", f"{count:.0f} dof", f"{low:.3f} .. {high:.3f}", bool(low <= value <= high))
+
+
+def heads(options) -> list[Figure]:
+    """Errors over sigma of bias and noise of star-camera heads; noise as measured, or drawn anew for two of them."""
+    study, figures = of_tests("calibrations.invented_heads"), []
+    known = np.array(catalog.satellite("C").settings()["star_camera_head_noise"])
+    across = slice(0, 2)
+    for own in ((1, 2, 3), (1, 2), (1, 3), (2, 3)):
+        every, rng = [], np.random.default_rng(options.seed)
+        for seed in range(options.seed, options.seed + (options.runs or 30)):
+            sigma = known.copy()
+            if len(own) == 2:  # as those of the catalogue scatter
+                sigma[:, across] = np.exp(np.log(known[:, across]).mean() + 0.45 * rng.standard_normal((3, 2)))
+            with tempfile.TemporaryDirectory() as folder:
+                every.append(study.errors(Path(folder), own, seed, sigma))
+        names = np.array(every[0][0])
+        score, share = (np.array([one[k] for one in every]) for k in (1, 2))
+        bias, line = np.char.startswith(names, "bias"), np.char.find(names, "_z_") > 0
+        kinds = {"bias": bias, "about the line of sight": line, "across": ~bias & ~line}
+        for kind, which in kinds.items():
+            low, high = (1e6 if kind == "bias" else 100) * np.quantile(np.median(share[:, which], axis=0), (0, 1))
+            size = f", sigma {low:.2g} to {high:.2g} {'urad' if kind == 'bias' else '%'}"
+            alone = kind != "across" or len(own) == 3  # of two heads one number is common to all
+            figures.append(rms_figure(f"heads {own}, {kind}", score[:, which].ravel(), 12, size, judged=alone))
+    return show(figures)
