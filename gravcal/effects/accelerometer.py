@@ -24,16 +24,11 @@ law = EFFECTS.law
 _COUPLING = "coupling of the torquer currents into the electronics"
 
 
-def _offset_columns(context: Context):
-    """Reading per metre of offset, (n, 3, 3)."""
-    return -offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b)
-
-
 _SOURCE = "CoM paper eqs. 2, 5; equations.md (M1)"
 _FROM_PROOF_MASS = axes("", "m", "proof mass to centre of mass along", 2e-4)
 # CoM paper eq. 5: reading T p with p = -(proof mass to centre of mass).
-law("accelerometer.offset", "linear_b", _FROM_PROOF_MASS, _SOURCE, jacobian=_offset_columns)(
-    lambda context, values: _offset_columns(context) @ np.asarray(values)
+law("accelerometer.offset", "linear_b", _FROM_PROOF_MASS, _SOURCE)(
+    lambda context, values: -offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b) @ np.asarray(values)
 )
 _SPEED = axes("speed", "m s-1", "drift of proof mass to centre of mass along", 1e-7)
 

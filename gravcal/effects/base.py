@@ -47,19 +47,16 @@ class Context:
     """What an effect may look at, on the epochs of its channel; fields that a channel has not are None."""
 
     time: np.ndarray  #: (n,) s, GPS
-    #: rate_b, rate_dot_b: (n, 3) rad s-1, rad s-2, body with respect to inertial
-    rate_b: np.ndarray | None = None
-    rate_dot_b: np.ndarray | None = None
+    rate_b: np.ndarray | None = None  #: (n, 3) rad s-1, body with respect to inertial
+    rate_dot_b: np.ndarray | None = None  #: (n, 3) rad s-2
     gradient_b: np.ndarray | None = None  #: (n, 3, 3) s-2, gravity gradient
     dipole_b: np.ndarray | None = None  #: (n, 3) A m2, commanded dipole
     field_b: np.ndarray | None = None  #: (n, 3) T, geomagnetic field
-    #: linear_b, angular_b: (n, 3), reading so far
-    linear_b: np.ndarray | None = None
-    angular_b: np.ndarray | None = None
+    linear_b: np.ndarray | None = None  #: (n, 3) m s-2, reading so far
+    angular_b: np.ndarray | None = None  #: (n, 3) rad s-2, likewise
     inertia_b: np.ndarray | None = None  #: (3, 3) kg m2
-    #: start, stop: (k,) s, manoeuvres
-    start: np.ndarray = field(default_factory=lambda: np.zeros(0))
-    stop: np.ndarray = field(default_factory=lambda: np.zeros(0))
+    start: np.ndarray = field(default_factory=lambda: np.zeros(0))  #: (k,) s, manoeuvres
+    stop: np.ndarray = field(default_factory=lambda: np.zeros(0))  #: (k,) s
     epoch: float = 0.0  #: s, from which drifts and phases count
     #: anything else, by name: mass (kg), non_gravitational_b and radiation_b (n, 3) m s-2, warmth (n,) 1 as of
     #: `orbit_environment.warmth`, axis_b (n, 3) 1 as of `orbit_environment.dipole_axis_i`; families add their own
@@ -76,8 +73,6 @@ class Effect:
     contribution: Callable[[Context, np.ndarray], np.ndarray]  #: (context, values) -> array added to the channel
     reference: str  #: where the law stands
     linear: bool = True  #: the contribution is proportional to the parameters
-    #: context -> derivative by each parameter, last axis, where it is known in closed form
-    jacobian: Callable[[Context], np.ndarray] | None = None
 
     def plausible(self, share: Callable[[], float]) -> dict[str, float]:
         """Values by name at shares of the plausible sizes; what bends the law is as it usually is."""
@@ -93,8 +88,6 @@ class Effect:
 
         They are taken about the values ``at`` (p,), neutral by default; at the end of a range by one plausible step.
         """
-        if self.jacobian is not None:
-            return self.jacobian(context)
         at = self.values({}) if at is None else np.asarray(at, dtype=float)
         parts = []
         for index, parameter in enumerate(self.parameters):
