@@ -132,7 +132,7 @@ def of_table():
     for name, cause, form, said in CAUSES:
         yield (
             f"  {name}",
-            numbers([one.left(cause, form) for one in tables], ".0f"),
+            numbers([left(one, cause, form) for one in tables], ".0f"),
             numbers(said, ".0f") if said else "",
         )
     odds = []
@@ -141,8 +141,50 @@ def of_table():
         odds.append(np.exp(weighed["accelerometer.angular_leak"] - weighed["accelerometer.current_leak"]))
     yield "  odds of the coupling against a current", numbers(odds, ".0f"), "not weighed"
     for name, more in MORE.items():
-        chi2 = tables[0].apart(more)
+        chi2 = apart(tables[0], more)
         yield f"  two more, {name}", f"{chi2:.0f}, {design.odds(chi2, 2 * np.log(driver.TIED_ODDS)):.2f}", ""
+
+
+def left(table, cause="", form=""):
+    """Chi-square of the printed numbers beside one offset, and the best of the forms of a cause that begin so."""
+    (value, sigma, known), beside = table.printed, [np.zeros((len(table.rows), 3, 0))]
+    if cause:
+        beside = [one.columns for one in table.causes if one.cause == cause and one.form.startswith(form)]
+    return min(_misfit((value / sigma)[known], *_whitened(columns, sigma, known)) for columns in beside)
+
+
+def apart(table, more=()):
+    """Least chi-square expected of a current that leaks where yaw acceleration in a_y acts, as large as fitted.
+
+    Manoeuvres of MORE are flown beside the table, with errors as those of their kind in it.
+    """
+    value, sigma, known = table.printed
+    kinds = [(row["kind"], row["latitude_class"]) for row in table.rows]
+    alike = [[k for k, one in enumerate(kinds) if one == (kind, area)] for kind, area, *_ in more]
+    arcs = [published.arc(*one, 1, table.about) for one in kinds]
+    arcs += [published.arc(kind, area, heading, table.about, latitude) for kind, area, latitude, heading in more]
+    sigma = np.stack([*sigma, *(np.sqrt(np.mean(sigma[own] ** 2, axis=0)) for own in alike)])
+    known = np.stack([*known, *(known[own[0]] for own in alike)])
+    causes = {one.cause: one for one in published.of_readings("", arcs, table.mean)}
+    angular, current = (causes[f"accelerometer.{name}_leak"] for name in ("angular", "current"))
+    offset, columns = _whitened(angular.columns, sigma, known)
+    y = (value / sigma[: len(value)])[known[: len(value)]]
+    both = np.column_stack([offset, columns[:, angular.names.index("y_from_z")]])
+    true = both[:, 3] * np.linalg.lstsq(both[: y.size], y)[0][3]
+    return min(_misfit(true, offset, one[:, None]) for one in _whitened(current.columns, sigma, known)[1].T)
+
+
+def _whitened(columns, sigma, known):
+    """Rows of the offset (n, 3), and of columns (3, q) m of each manoeuvre (n, q), over their errors."""
+    parts = zip([np.eye(3)] * len(columns), columns, strict=True)
+    rows = [np.column_stack(part) / s[:, None] for part, s in zip(parts, sigma, strict=True)]
+    return np.split(np.stack(rows)[known], [3], axis=1)
+
+
+def _misfit(observed, *columns):
+    """Chi-square that columns leave."""
+    beside = np.column_stack(columns)
+    return float(np.sum((observed - beside @ np.linalg.lstsq(beside, observed)[0]) ** 2))
 
 
 def records(folder):

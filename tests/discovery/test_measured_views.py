@@ -194,9 +194,9 @@ def test_the_published_table_asks_for_one_coupling_not_for_a_lag_or_a_scale(
     assert table.repeatability(printed.rows)[0] == pytest.approx(factor, abs=0.05)
     forms = [("", ""), ("accelerometer.angular_leak", "y_from_z"), ("accelerometer.current_leak", "y_from_y")]
     for (slug, name), left in zip([*forms, ("accelerometer.current_leak", "z_from_x")], chi2, strict=True):
-        assert printed.left(slug, name) == pytest.approx(left, abs=1)
-    yaws, pitches = (printed.apart(more) for name, more in measured.MORE.items() if "45" in name)
-    assert yaws < 1.1 * printed.apart() < 0.6 * pitches  # the current is the same at both latitudes
+        assert measured.left(printed, slug, name) == pytest.approx(left, abs=1)
+    yaws, pitches = (measured.apart(printed, more) for name, more in measured.MORE.items() if "45" in name)
+    assert yaws < 1.1 * measured.apart(printed) < 0.6 * pitches  # the current is the same at both latitudes
 
 
 def test_figures_of_days_that_are_not_at_hand_are_said_not_to_be_run(tmp_path, capsys, monkeypatch):

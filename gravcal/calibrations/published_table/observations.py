@@ -69,10 +69,7 @@ def detrended(reading_b: np.ndarray) -> np.ndarray:
 
 
 def euler_columns(alpha_b: np.ndarray) -> np.ndarray:
-    """Reading (n, 3, 3) per offset from the proof mass to the centre of mass: -[alpha x], alpha (n, 3) rad s-2.
-
-    CoM paper eq. 5, its first term; the centrifugal one is below 1 % of it at 12 s.
-    """
+    """Reading (n, 3, 3) per offset, -[alpha x] of (n, 3) rad s-2: CoM paper eq. 5, first term; the other is < 1 %."""
     return np.stack([-np.cross(alpha_b, unit) for unit in np.eye(3)], axis=2)
 
 
@@ -149,7 +146,7 @@ class Table(Observations):
     def candidates(self) -> list[Candidate]:
         """Causes with what they do to the offset of each manoeuvre, and their rows of the priors."""
         made, (_, sigma, known) = [], self.printed
-        for number, one in enumerate(self._causes):
+        for number, one in enumerate(self.causes):
             held = np.zeros((len(self._priors), len(one.names)))
             for k, (owner, parameter, prior) in enumerate(self._priors):
                 if owner == number:
@@ -178,7 +175,7 @@ class Table(Observations):
             return np.logaddexp.reduce(logs)
 
         alone, found = log_evidence(np.zeros((y.size, 0)), np.zeros(0)), {}
-        for number, one in enumerate(self._causes):
+        for number, one in enumerate(self.causes):
             sizes = [size for owner, _, size in self._priors if owner == number]
             odds = float(log_evidence(np.concatenate(one.columns)[known], sizes) - alone) if sizes else -np.inf
             before = found.get(one.cause, {"log_odds": -np.inf})["log_odds"]
@@ -186,50 +183,20 @@ class Table(Observations):
                 found[one.cause] = {"cause": one.cause, "form": one.form, "log_odds": odds}
         return sorted(found.values(), key=lambda one: -one["log_odds"])
 
-    def left(self, cause: str = "", form: str = "") -> float:
-        """Chi-square of the printed numbers beside one offset, and the best of the forms of a cause that begin so."""
-        (value, sigma, known), beside = self.printed, [np.zeros((len(self.rows), 3, 0))]
-        if cause:
-            beside = [one.columns for one in self._causes if one.cause == cause and one.form.startswith(form)]
-        return min(_misfit((value / sigma)[known], *_whitened(columns, sigma, known)) for columns in beside)
-
-    def apart(self, more: Sequence[tuple] = ()) -> float:
-        """Least chi-square expected of a current that leaks where yaw acceleration in a_y acts, as large as fitted.
-
-        `more` manoeuvres (kind, latitude class, deg of latitude, +1 or -1 where x points north or south) are flown
-        beside the table, with errors as those of their kind in it.
-        """
-        value, sigma, known = self.printed
-        kinds = [(row["kind"], row["latitude_class"]) for row in self.rows]
-        alike = [[k for k, one in enumerate(kinds) if one == (kind, area)] for kind, area, *_ in more]
-        arcs = [arc(*one, 1, self.about) for one in kinds]
-        arcs += [arc(kind, area, heading, self.about, latitude) for kind, area, latitude, heading in more]
-        sigma = np.stack([*sigma, *(np.sqrt(np.mean(sigma[own] ** 2, axis=0)) for own in alike)])
-        known = np.stack([*known, *(known[own[0]] for own in alike)])
-        angular, current = (
-            next(one for one in _of_readings("", arcs, self.mean) if one.cause == f"accelerometer.{name}_leak")
-            for name in ("angular", "current")
-        )
-        offset, columns = _whitened(angular.columns, sigma, known)
-        y = (value / sigma[: len(value)])[known[: len(value)]]
-        both = np.column_stack([offset, columns[:, angular.names.index("y_from_z")]])
-        true = both[:, 3] * np.linalg.lstsq(both[: y.size], y)[0][3]
-        return min(_misfit(true, offset, one[:, None]) for one in _whitened(current.columns, sigma, known)[1].T)
-
     @functools.cached_property
     def _priors(self):
         """Number of the cause, place in it and plausible size of every parameter of a listed effect."""
-        return [(number, k, size) for number, one in enumerate(self._causes) for k, size in enumerate(one.prior)]
+        return [(number, k, size) for number, one in enumerate(self.causes) for k, size in enumerate(one.prior)]
 
     @functools.cached_property
-    def _causes(self):
+    def causes(self) -> list[Candidate]:
         """Causes, and what they do to the offset of each manoeuvre (3, q) m."""
         found, mean, count = [], self.mean, len(self.rows)
         for (pitch, yaw), form in HEADINGS.items():
             heading = {"pitch": pitch, "roll": pitch, "yaw": yaw}
             arcs = {k: arc(*k, heading[k[0]], self.about) for k in AREAS}
             each = [arcs[r["kind"], r["latitude_class"]] for r in self.rows]
-            whole = _of_readings(form, each, mean)
+            whole = of_readings(form, each, mean)
             found += [one for one in whole if len(one.names) < BETWEEN]
             for one in whole:  # each parameter by itself, so that all families are as sparse as they can be
                 parts = [one.part([k], name) for k, name in enumerate(one.names)]
@@ -241,19 +208,6 @@ class Table(Observations):
         low = [float(r["latitude_class"] == "low") * np.eye(3) for r in self.rows]
         found.append(Candidate("unknown:latitude", "offset differs at low latitude", [*"xyz"], ["m"] * 3, low))
         return found
-
-
-def _whitened(columns, sigma, known):
-    """Rows of the offset (n, 3), and of columns (3, q) m of each manoeuvre (n, q), over their errors."""
-    parts = zip([np.eye(3)] * len(columns), columns, strict=True)
-    rows = [np.column_stack(part) / s[:, None] for part, s in zip(parts, sigma, strict=True)]
-    return np.split(np.stack(rows)[known], [3], axis=1)
-
-
-def _misfit(observed, *columns):
-    """Chi-square that columns leave."""
-    beside = np.column_stack(columns)
-    return float(np.sum((observed - beside @ np.linalg.lstsq(beside, observed)[0]) ** 2))
 
 
 def repeatability(rows: list[dict]) -> tuple[float, int]:
@@ -285,7 +239,7 @@ READINGS = (
 )
 
 
-def _of_readings(form, arcs, mean):
+def of_readings(form: str, arcs: list[Arc], mean: np.ndarray) -> list[Candidate]:
     """What adds to the linear reading, or to the angular acceleration about each axis, as errors of every offset."""
 
     def made(slug, reading):
