@@ -20,16 +20,15 @@ SAID = 9  # parameters that a verdict names
 
 def document(found: xr.Dataset) -> dict:
     """Part of a result document of PARAMETERS: by name, null where not determined, and their covariance."""
-    names = [str(name) for name in found["parameter"].values]
-    columns = (found[name].values for name in ("unit", "value", "sigma"))
-    parameters = {
-        n: {"value": float(v), "sigma": float(s), "unit": str(u)} if np.isfinite(v) else None
-        for n, u, v, s in zip(names, *columns, strict=True)
-    }
-    return {
-        "parameters": parameters,
-        "covariance": {"parameters": names, "matrix": numbers(found["covariance"].values)},
-    }
+    known, matrix = parameters(found), numbers(found["covariance"].values)
+    return {"parameters": known, "covariance": {"parameters": [*known], "matrix": matrix}}
+
+
+def parameters(found: xr.Dataset, before: str = "") -> dict[str, dict | None]:
+    """{name: {"value", "sigma", "unit"}}, null where not determined, of the variables whose names begin like that."""
+    rows = zip(*(found[name].values for name in ("parameter", "unit", f"{before}value", f"{before}sigma")), strict=True)
+    known = lambda v, s, u: {"value": float(v), "sigma": float(s), "unit": str(u)} if np.isfinite(v) else None  # noqa: E731
+    return {str(name): known(value, sigma, unit) for name, unit, value, sigma in rows}
 
 
 @dataclass(frozen=True)
@@ -39,9 +38,8 @@ class Page:
     calibration: str
     heading: str
     verdict: str  #: what the values are of, such as "Gain of the impulses"
-    products: Sequence[
-        str
-    ]  #: stages that the report reads, "estimate" and "checks" among them; the last may be missing
+    #: stages that the report reads, "estimate" and "checks" among them; the last may be missing
+    products: Sequence[str]
     #: {stage: Dataset} -> facts, plain numbers with units in their names, and sections after the result
     content: Callable[[Mapping[str, xr.Dataset]], tuple[dict, list[Section]]]
     #: {stage: Dataset} -> more of the document by name, and a sentence of the verdict on it
@@ -54,16 +52,16 @@ def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tupl
     facts, sections = own.content(products)
     more, sentence = own.more(products)
     found = products["estimate"]
-    parameters = document(found)
-    known = list(results.parameters(parameters))
+    solved = document(found)
+    known = list(results.parameters(solved))
     text = results.text(known[:SAID]) if known else "no parameter is determined"
     text += f", and {len(known) - SAID} more" if len(known) > SAID else ""
     body = {"status": "delivered", "verdict": {"text": f"{own.verdict}: {text}.{sentence}"}, "facts": facts}
     about, checks = {"event": event, "settings": settings}, of_product(products["checks"])
-    made = documents.delivered(own.calibration, body | parameters | more, products, checks, **about)
+    made = documents.delivered(own.calibration, body | solved | more, products, checks, **about)
     stated = [[name.replace("_", " "), _short(value)] for name, value in facts.items()]
     shown = [
-        Section("Result", [parameter_table(parameters["parameters"], "estimate")], [by_part]),
+        Section("Result", [parameter_table(solved["parameters"], "estimate")], [by_part]),
         *sections,
         Section("Record", [Table("Facts of the record.", ["fact", "value"], stated)]),
     ]
@@ -75,12 +73,14 @@ def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tupl
 
 def parameter_table(parameters: Mapping, read: str) -> Table:
     """Named parameters of a document, as read from the product of that name."""
-    rows = []
-    for name, one in parameters.items():
-        cells = measured(one["value"], one["sigma"], one["unit"]) if one else (NOT_DETERMINED, "")
-        rows.append([name.replace("_", " "), *cells])
+    rows = [[name.replace("_", " "), *cells(one)] for name, one in parameters.items()]
     caption = "Parameters with their errors by noise."
     return Table(caption, ["parameter", "value ± σ", "unit"], rows, reads=(read,), words=(0, 2))
+
+
+def cells(one: Mapping | None) -> tuple[str, str]:
+    """Value with its error, and unit of a parameter."""
+    return measured(**one) if one else (NOT_DETERMINED, "")
 
 
 def _short(value):

@@ -1,5 +1,6 @@
 """Records of a magnetometer beside the reference field, and what the parameters of the instrument make of it."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +14,7 @@ from gravcal.effects import Context, effect
 from gravcal.effects.sensors import OF_MAGNETOMETER, OF_WARMTH
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
-from gravcal.estimation.noise import NoiseModel, fit_noise, unwhiten, whiten
+from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 SCHEMAS = schemas.of("magnetometer.toml")
@@ -33,9 +34,8 @@ class Field:
     """Measured and modelled field at the magnetometer's epochs."""
 
     time: np.ndarray  #: (n,) s
-    #: measured_b, model_b: (n, 3) T
-    measured_b: np.ndarray
-    model_b: np.ndarray
+    measured_b: np.ndarray  #: (n, 3) T
+    model_b: np.ndarray  #: (n, 3) T
     slope_b: np.ndarray  #: (n, 3) T s-1, rate of the modelled field in the body
     dipole_b: np.ndarray  #: (n, 3) A m2, of the torquers
     axis_b: np.ndarray  #: (n, 3) unit vector along the moment of the main field
@@ -79,6 +79,7 @@ def align(
     slope = (field_at(after)[0] - field_at(before)[0]) / (after - before)[:, None]
     scale = 1e-6 if mag[columns[0]].attrs.get("units") != "T" else 1.0
     inertial = earth.state_to_inertial(orbit_time, state[:, :3], state[:, 3:])
+    turn = frames.attitude_error(quaternion[1:], quaternion[:-1]) / np.diff(sca_time)[:, None]
     dense = np.median(np.diff(orbit_time)) <= DENSE_S
     found = {
         "time": time,
@@ -88,19 +89,13 @@ def align(
         "dipole_b": values[:, 3:] * np.asarray(dipole_per_current),
         "axis_b": axis,
         "warmth": orbit_environment.warmth(time, orbit_time, inertial[0]),
-        "rate_b": _rate(sca_time, quaternion, time),
+        "rate_b": turn[np.clip(np.searchsorted(sca_time, time, side="right") - 1, 0, len(turn) - 1)],
         "camera_late": _camera_late(time, sca_time, quaternion, orbit_time, *inertial),
         "step": np.median(np.diff(time)),
         "attitude_jump": checks.attitude_jump(sca_time, quaternion),
         "velocity_error": checks.velocity_error(orbit_time, *inertial) if dense else 0.0,
     }
     return build(SCHEMAS["align"], found)
-
-
-def _rate(sca_time, quaternion, time):
-    """Rate (n, 3) rad s-1 in the body by the turn from one attitude to the next."""
-    rate = frames.attitude_error(quaternion[1:], quaternion[:-1]) / np.diff(sca_time)[:, None]
-    return rate[np.clip(np.searchsorted(sca_time, time, side="right") - 1, 0, len(rate) - 1)]
 
 
 def _camera_late(time, sca_time, quaternion, orbit_time, position_i, velocity_i):
@@ -218,17 +213,8 @@ def noise_of(rest: np.ndarray, place: np.ndarray, order: int, floor: float, remo
     return found
 
 
-def whitened(noise: NoiseModel, place: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Whitened rows (n, q) of values (n, q) T on one axis."""
-    return _turned(whiten, noise, place, values)
-
-
-def coloured(noise: NoiseModel, place: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Values (n, q) T of which these (n, q) are the whitened rows."""
-    return _turned(unwhiten, noise, place, rows)
-
-
-def _turned(turn, noise, place, values):
+def whitened(noise: NoiseModel, place: np.ndarray, values: np.ndarray, turn: Callable = whiten) -> np.ndarray:
+    """Whitened rows (n, q) of values (n, q) T on one axis, or with `unwhiten` the values of rows."""
     grid, valid = np.zeros((place[-1] + 1, values.shape[1])), np.zeros(place[-1] + 1, dtype=bool)
     grid[place], valid[place] = values, True
     return turn(noise, grid, valid)[place]

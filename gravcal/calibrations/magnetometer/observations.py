@@ -16,7 +16,7 @@ import xarray as xr
 from gravcal.calibrations.causes import listed
 from gravcal.calibrations.magnetometer import model
 from gravcal.effects import effect
-from gravcal.estimation.noise import NoiseModel
+from gravcal.estimation.noise import NoiseModel, unwhiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, Reported
 
 #: Errors s of tags that are far off: 0.017 rad by which x of the body may be off the flight, 5 mrad of mounting.
@@ -130,7 +130,7 @@ class Readings(Observations):
         """Time, reference field (m, 3) T of a part, and rows (q, m, 3) T."""
         part = self.parts[number]
         columns = [
-            model.coloured(noise, self._place(part), one)
+            model.whitened(noise, self._place(part), one, unwhiten)
             for noise, one in zip(self.noise, rows.reshape(3, part.size, -1), strict=True)
         ]
         return self.field.time[part], self.field.model_b[part], np.stack(columns).transpose(2, 1, 0)

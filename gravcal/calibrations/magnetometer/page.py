@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 
 from gravcal.report.figures import AXIS, COLOURS, grid, thinned
-from gravcal.report.named_parameters import Page
+from gravcal.report.named_parameters import Page, cells, parameters
 from gravcal.report.pages import Section, Table, figure
-from gravcal.report.plain import NOT_DETERMINED, measured
 
 NOTES = (
     "Measured less reference field is bias, scale and axes out of square in the field of the instrument, a small turn "
@@ -75,31 +74,20 @@ def content_beside(products):
         "theirs_less_reference_rms_nt": (1e9 * np.sqrt(np.mean(found["theirs_b"].values ** 2, axis=0))).tolist(),
         "theirs_from_orbit_m": float(found["apart"]),
     }
-    rows, names = [], ("parameter", "unit", "own_value", "own_sigma", "value", "sigma")
-    for name, unit, *numbers in zip(*(found[one].values for one in names), strict=True):
-        ours, theirs = (_cells(*numbers[k : k + 2], unit) for k in (0, 2))
-        rows.append([str(name).replace("_", " "), *ours, *theirs])
+    rows = zip(parameters(found, "own_").items(), parameters(found).values(), strict=True)
+    rows = [[name.replace("_", " "), *cells(ours), *cells(theirs)] for (name, ours), theirs in rows]
     heads = ["parameter", "ours ± σ", "unit", "theirs ± σ", "unit"]
     tables = [Table("Our parameters, and those that their field implies.", heads, rows, ("beside",), (0, 2, 4))]
     return facts, [*sections, Section("Beside another calibration", tables, [_beside], (THEIRS,))]
 
 
-def _cells(value, sigma, unit):
-    return measured(float(value), float(sigma), str(unit)) if np.isfinite(value) else (NOT_DETERMINED, "")
-
-
 def more_beside(products):
     """Parameters that the field of others implies, and a sentence on the difference."""
     found = products["beside"]
-    names = zip(*(found[one].values for one in ("parameter", "unit", "value", "sigma")), strict=True)
-    implied = {
-        str(n): {"value": float(v), "sigma": float(s), "unit": str(u)} if np.isfinite(v) else None
-        for n, u, v, s in names
-    }
     difference = 1e9 * found["difference_b"].values
     texts = [f"{one:.1f}" for one in np.sqrt(np.mean(difference**2, axis=0))]
     said = f" Another calibration's field less ours: rms {', '.join(texts)} nT in x, y, z."
-    return {"theirs": implied}, said
+    return {"theirs": parameters(found)}, said
 
 
 @figure("beside", caption="Calibrated field of others less ours, by axis.")

@@ -130,9 +130,8 @@ def smoothed(line_b: np.ndarray, frequency: np.ndarray, gain: np.ndarray) -> np.
 class Block:
     """One revolution without a change of bias."""
 
-    #: rows, place: (n,) int, places in the rows of the day, and on the even grid of the block
-    rows: np.ndarray
-    place: np.ndarray
+    rows: np.ndarray  #: (n,) int, places in the rows of the day
+    place: np.ndarray  #: (n,) int, on the even grid of the block
     slow: np.ndarray  #: (n, k) columns of bias and slow orbit error
     density: np.ndarray  #: (BINS + 1,) m2 Hz-1 of its noise, one-sided, from zero to the Nyquist frequency
     lower: np.ndarray  #: (n, n) m, Cholesky factor of the covariance of its noise
@@ -225,28 +224,31 @@ def _scored(made, data, knots, level):
     return knots[0] @ value[:count], value[count:].reshape(level.shape) - level, variance
 
 
+def angles(rows: xr.Dataset) -> np.ndarray:
+    """Pitch and yaw (n, 2, 2) rad of both satellites against the line of sight."""
+    x, y, z = np.moveaxis(-rows["column"].values.reshape(-1, 2, 3), -1, 0)
+    return np.stack([np.arctan2(-z, x), np.arctan2(y, x)], axis=-1)
+
+
 def step_of(rows: xr.Dataset) -> float:
     """Step of the readings, s."""
     return float(np.median(np.diff(rows["time"].values)))
 
 
-def estimate(
-    rows: xr.Dataset, *, range_block_s: float, range_degree: int, noise_order: int, determined_limit_mm: float
-) -> xr.Dataset:
+def estimate(rows: xr.Dataset, *, determined_limit_mm: float, **settings) -> xr.Dataset:
     """Phase centres from routine pointing, and the share of the antenna correction that the range shows by band.
 
     Parameters
     ----------
     rows : Dataset, "ranging.align"
-    range_block_s, range_degree, noise_order : as of `blocks`
     determined_limit_mm : mm, a component with a larger sigma is not determined
+    settings : range_block_s, range_degree, noise_order, as of `blocks`
 
     Notes
     -----
     rho_KBR - rho_COM = b - l_A . c_A - l_B . c_B; Remote Sens. 2022, 14, 3395, eq. 13 (erratum K-1). With
     E[l | measured] in place of l the estimate is not diluted; the rest of l, times the lever, is in the measured noise.
     """
-    settings = {"range_block_s": range_block_s, "range_degree": range_degree, "noise_order": noise_order}
     observed, band, smooth, time = (rows[n].values for n in ("observed", "correction_band", "smoothed_band", "time"))
     own, shared = 1e-3 * rows["column"].values, -band
     parts = blocks(rows, **settings, beside=np.column_stack([own, shared]))

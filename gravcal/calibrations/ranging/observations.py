@@ -38,14 +38,7 @@ WHOLE_S = 0.5  # delays are looked for in whole seconds
 
 
 def observe(
-    products: Mapping[str, xr.Dataset],
-    *,
-    nominal_m,
-    correction_left_out: bool,
-    determined_limit_mm: float,
-    range_block_s: float,
-    range_degree: int,
-    noise_order: int,
+    products: Mapping[str, xr.Dataset], *, nominal_m, correction_left_out: bool, determined_limit_mm: float, **settings
 ) -> Routine:
     """Observations of a day.
 
@@ -55,12 +48,11 @@ def observe(
     nominal_m : (2, 3) m, phase centres of the catalogue
     correction_left_out : True takes the antenna correction of these away: a phase centre may then be named
     determined_limit_mm : mm, a component of a phase centre with a larger sigma is not determined
-    range_block_s, range_degree, noise_order : as of `model.blocks`
+    settings : range_block_s, range_degree, noise_order, as of `model.blocks`
     """
     rows, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
     refuse_late_orbits(rows["late"].values, rows.attrs["satellites"])
     added = 0.0 if correction_left_out else rows["correction"].values
-    settings = {"range_block_s": range_block_s, "range_degree": range_degree, "noise_order": noise_order}
     ahead, segment = rows["time"].values + rows["late"].values[0], rows["segment"].values
     beyond = (ahead < rows["time"].values[0]) | (ahead > rows["time"].values[-1])  # by late tags no range is known
     rows = rows.assign(segment=("time", np.where(beyond, segment.max() + 1, segment)))  # in no block, for they are few
@@ -107,14 +99,12 @@ class Routine(Observations):
     @functools.cached_property
     def context(self) -> Context:
         """What the effects look at, at every reading."""
-        line = -self.rows["column"].values.reshape(-1, 2, 3)
-        x, y, z = np.moveaxis(line, -1, 0)
         extra = {name: self.rows[name].values for name in ("range", "range_rate", "argument", "warmth")} | {
-            "line_of_sight_b": line,
+            "line_of_sight_b": -self.rows["column"].values.reshape(-1, 2, 3),
             "antenna_x": self.nominal[:, 0],
             "antenna_correction": self.rows["correction"].values,
             "correction_band": self.rows["correction_band"].values[:, 1:],
-            "angle": np.stack([np.arctan2(-z, x), np.arctan2(y, x)], axis=-1),
+            "angle": model.angles(self.rows),
         }
         return Context(time=self.rows["time"].values, extra=extra)
 

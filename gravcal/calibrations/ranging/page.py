@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from gravcal.calibrations.ranging.model import angles
 from gravcal.report.figures import COLOURS, HANN, bars, grid, opened, thinned
 from gravcal.report.named_parameters import Page
 from gravcal.report.pages import Section, Table, figure
@@ -23,14 +24,13 @@ SHARE = (
 
 def content(products):
     """Facts of the record, and what follows the result."""
-    found, line = products["estimate"], -products["align"]["column"].values.reshape(-1, 2, 3)
-    angles = np.stack([np.arctan2(-line[..., 2], line[..., 0]), np.arctan2(line[..., 1], line[..., 0])], axis=-1)
+    found = products["estimate"]
     facts = {
         "satellites": products["align"].attrs["satellites"],
         "readings": int(found.sizes["time"]),
         "rms_of_blocks_mm": 1e3 * float(np.sqrt(np.mean(found["residual"].values ** 2))),
         "rms_of_phase_centres_um": 1e6 * float(np.sqrt(np.mean(found["fitted"].values ** 2))),
-        "pointing_scatter_mrad": (1e3 * angles.std(axis=0)).ravel().tolist(),
+        "pointing_scatter_mrad": (1e3 * angles(products["align"]).std(axis=0)).ravel().tolist(),
         "variance_at_wrong_times": found["excess"].values.tolist(),
     }
     heads = ["band, mHz", "share in the range", "σ", "expected", "no correction", "as measured", "smoothed pointing"]
