@@ -45,17 +45,11 @@ def constraints(name, path=None):
 
 
 def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, verify=0, out=None, say=lambda _: None):
-    """Document with the best session of a calibration for a satellite and day, beside the published one.
+    """Document with the best session of a calibration for a satellite and a day "2026-03-01", beside the published one.
 
-    Parameters
-    ----------
-    name : calibration; satellite : letter; date : "2026-03-01"
-    causes : slugs that are to be told apart, each from each
-    minutes : of manoeuvres, None for those of the published session
-    limits : of `constraints`
-    verify : flights of the design that are simulated and calibrated
-    out : folder for the plan and the document, or None
-    say : is told what is being done
+    Causes are slugs that are to be told apart, each from each; minutes those of manoeuvres, None for as many as the
+    published session has; limits those of `constraints`. So many flights of the design, simulated and calibrated,
+    verify it. Plan and document go into the folder `out`; `say` is told what is being done.
     """
     one, limits = calibrations.load(name), limits or constraints(name)
     able = {n: r for n in calibrations.known() if (r := calibrations.load(n)).library or r.sessions}

@@ -84,13 +84,8 @@ def _discover(one: Calibration | Study, shown: bool, source, chosen):
     elif looked.again:
         looked.baseline(source, chosen)  # last: latest/ leads to it
     values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
-    named = {
-        "calibration": one.name,
-        "observations": looked.observations,
-        "satellite": source.satellite,
-        "settings": values,
-    }
-    return discovery.report(found, *results, **named, **event)
+    named = {"calibration": one.name, "observations": looked.observations, "satellite": source.satellite} | event
+    return discovery.report(found, *results, **named, settings=values)
 
 
 def evidence_of(calibration: str) -> Calibration:

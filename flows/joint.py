@@ -17,12 +17,8 @@ report = lazy("gravcal.report.joint")
 def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=None, listener=None):
     """(document, files, what has changed beyond its error since the last one) of a joint search, for each satellite.
 
-    Parameters
-    ----------
-    name : calibration; satellite : letters, None for all; data : folders with Level-1 files of one day or many, None
-        for GRAVCAL_DATA
-    chosen : parameters; events : names of those that are used, none for all
-    engine, workers, listener : as of a campaign
+    All satellites and events if none is named; data are folders with Level-1 files of one day or many, None for
+    GRAVCAL_DATA; engine, workers and listener are those of a campaign.
     """
     sources = [one for folder in data or [None] for one in command.many_sources(name, satellite, folder)]
     unknown = sorted(set(events) - {source.event for source in sources})

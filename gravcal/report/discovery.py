@@ -49,6 +49,7 @@ LIMITS = (
     "at most. Sizes are scored with the products of the search; where a row says so, the search itself was asked at "
     "the limit and, if it did not name it, up to 1.6 times above."
 )
+REBUILT = " The measured reading is that of the records without the findings, with these added in their linear form."
 LINES = {"baseline": {"color": COLOURS["vermilion"]}, "extended model": {"color": COLOURS["blue"]}}
 POINTS = {
     "baseline": LINES["baseline"] | {"marker": "o", "linestyle": "none"},
@@ -89,11 +90,8 @@ def report(
         heading="What the model gets wrong",
         subtitle=f"satellite {satellite}, level {document.get('level', '')} for everything tried together",
     )
-    names = {"before": "baseline", "after": "extended model"}
-    kept = {
-        f"p_{w}": ((), numbers.get(f"p_{w}", 1.0), {"units": "1", "long_name": f"probability of the {n} by chance"})
-        for w, n in names.items()
-    }
+    said = {f"p_{w}": f"probability of the {n} by chance" for w, n in zip(("before", "after"), LINES, strict=True)}
+    kept = {name: ((), numbers.get(name, 1.0), {"units": "1", "long_name": text}) for name, text in said.items()}
     return xr.Dataset(kept, attrs={"status": document["status"], "event": event}), files
 
 
@@ -129,16 +127,17 @@ def _with_result(numbers, before, after):
     sigma = [np.sqrt(np.diag(c)) for c in (covariance, other + extra)]
     found = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1]}
     found |= {"change": new - old, "change_in_old_sigma": (new - old) / sigma[0]}
-    plain = {k: [float(v) if np.isfinite(v) else None for v in values] for k, values in found.items()}
-    return numbers | {"calibration_change": change | {"variant": name, "joint_fit": change} | plain}
+    return numbers | {"calibration_change": change | {"variant": name, "joint_fit": change} | plain.as_plain(found)}
 
 
 def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Section]:
     """Sections of the page that hold something."""
-    here = [_drawing(found, number, reported) for number in range(len(document["findings"])) or (-1,)]
-    cause = Section(
-        "The cause", [findings_table(document), tied_table(document), weighed_table(document)], notes=[CAUSE]
-    )
+    here = [
+        Figure(partial(reading, number=k), ("discovery",), caption(found, k, reported.readings))
+        for k in range(len(document["findings"])) or (-1,)  # of the least likely band
+    ]
+    causes = [findings_table(document), tied_table(document), weighed_table(document)]
+    cause = Section("The cause", causes, notes=[CAUSE])
     hidden = [unobservable_table(document), limits_table(document)]
     return [
         *([Section("What was found", figures=here)] if any(one.caption for one in here) else []),
@@ -148,11 +147,6 @@ def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Sect
         Section("What is left", [outlier_table(document)], [_power, _spectra], [f"{WRONG} {reported.note}".strip()]),
         Section("What was tried", [tried_table(document)]),
     ]
-
-
-def _drawing(found, number, reported):
-    """Figure of a finding, -1 for that of the least likely band."""
-    return Figure(partial(reading, number=number), ("discovery",), caption(found, number, reported.readings))
 
 
 def not_shown(document: dict) -> list[str]:
@@ -417,20 +411,18 @@ def _spectrum(found, channel):
     return (np.arange(bins) + 0.5) / (2 * step * bins), np.mean(means, axis=0).T
 
 
-def shown(found, number: int) -> dict | None:
-    """Where a finding is shown: {"finding", "channel", "block", "axis"}; None where it helps no reading."""
+def shown(found, number: int) -> tuple[dict, np.ndarray, dict[str, np.ndarray]] | None:
+    """Place of a finding, epochs s from the first (n,), {side: (n,)} of its axis; None where it helps no reading."""
     rows = json.loads(found.attrs.get("shown", "[]"))
     known = (one for one in rows if f"{one['channel']}_measured" in found)  # not that of a plugin
-    return next((one for one in known if one["finding"] == number), None)
-
-
-def _curves(found, one):
-    """Epochs s from the first (n,), and {side: (n,)} of the axis that is shown."""
+    one = next((one for one in known if one["finding"] == number), None)
+    if one is None:
+        return None
     channel = one["channel"]
-    here = found[f"{channel}_finding"].values == one["finding"]
+    here = found[f"{channel}_finding"].values == number
     axis = min(one["axis"], found[f"{channel}_measured"].shape[1] - 1)
     time = found[f"{channel}_time"].values[here]
-    return time - time[0], {side: found[f"{channel}_{side}"].values[here, axis] for side in SIDES}
+    return one, time - time[0], {side: found[f"{channel}_{side}"].values[here, axis] for side in SIDES}
 
 
 def _kept(values, index):
@@ -442,11 +434,10 @@ def _kept(values, index):
 
 def fold(found, number: int) -> float | None:
     """Period s over which what a finding adds to its reading repeats: its own, or one of the manoeuvre; or None."""
-    one = shown(found, number)
-    findings = json.loads(found.attrs["numbers"])["findings"]
-    if one is None or not 0 <= number < len(findings):
+    view, findings = shown(found, number), json.loads(found.attrs["numbers"])["findings"]
+    if view is None or not 0 <= number < len(findings):
         return None
-    time, curves = _curves(found, one)
+    _, time, curves = view
     own = findings[number]["parameters"].get("frequency", {}).get("value")
     periods = [*([1 / own] if own else []), *json.loads(found.attrs["periods"])]
     added = curves["extended"] - curves["simulated"]
@@ -475,10 +466,10 @@ def _bins(time, period):
 
 def reading(found, number: int):
     """Reading that a finding, -1 where none was named, helps most, and what is left of it by either model."""
-    one, period = shown(found, number), fold(found, number)
-    if one is None:
+    view, period = shown(found, number), fold(found, number)
+    if view is None:
         return None
-    time, curves = _curves(found, one)
+    one, time, curves = view
     curves = {side: _quick(time, v, period) for side, v in curves.items()} if period else curves
     measured = curves["measured"]
     models = [(curves["simulated"], SIMULATED), (curves["extended"], EXTENDED)]
@@ -520,15 +511,13 @@ def _places(time, added, period):
 
 def caption(found, number: int, readings_of: Mapping[str, str]) -> str:
     """Caption of the figure of a finding; `readings_of` says {channel: text} what the readings are."""
-    one, period = shown(found, number), fold(found, number)
-    if one is None:
+    view, period = shown(found, number), fold(found, number)
+    if view is None:
         return ""
+    one = view[0]
     what = f"Finding {number + 1}" if number >= 0 else "The least likely band"
     said = f"{what}: {one['channel']} reading, {one['block']}."
     said += f" Folded over {period:.4g} s, without what changes in longer times." if period else ""
     said += " Above the reading, below what is measured less what either model simulates; bars: error of a mean."
     said += readings_of.get(one["channel"], " Its mean is left out.")
-    rebuilt = (
-        " The measured reading is that of the records without the findings, with these added in their linear form."
-    )
-    return said + (rebuilt if "rebuilt" in found.attrs else "")
+    return said + (REBUILT if "rebuilt" in found.attrs else "")

@@ -90,7 +90,7 @@ def _law(form, known):
     first, _, rest = form.partition(", ")
     reading, words = (first, rest.split(", ")[0]) if " reading" in first or first in READINGS else ("", first)
     sizes = {n: p for n, p in known.items() if n not in SYMBOLS}
-    stated = [n for n in _stated(sizes)] if sizes else []
+    stated = _stated(sizes)
     letter = READINGS.get(reading.split()[0], "y") if reading else "y"
     if "frequency" in known and re.fullmatch(r"[\d.]+ Hz", words):
         words, symbols, wheres = "a wave", "sin(2πft + φ)", []

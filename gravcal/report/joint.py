@@ -27,11 +27,8 @@ CHANGED = 3.0  # errors of a change from which it is worth a note
 def report(search, products, *, history, settings, calibration, event, satellite):
     """Product with the calibration's values in each event, and its files: document, page and model of the satellite.
 
-    Parameters
-    ----------
-    search : of all events; products : {event: evidence}
-    history : {"trims": [{"date", "axis", "size", "confirmed"}], "printed": [{"time", "parameter", "value", "sigma"}]}
-    settings : configuration, and events left out with the reason; calibration, event, satellite : names
+    `products` are {event: evidence}, `history` {"trims": [{"date", "axis", "size", "confirmed"}], "printed": [{"time",
+    "parameter", "value", "sigma"}]}, `settings` the configuration and the events left out with the reason.
     """
     result, known = search.run(), json.loads(next(iter(products.values())).attrs["numbers"])
     scale, names, unit = np.array(known["scale"]), known["parameters"], known["unit"]

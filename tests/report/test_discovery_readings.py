@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from gravcal.estimation.records import Reported
 from gravcal.report import discovery, pages
 from gravcal.report import discovery_words as words
 
@@ -86,7 +85,7 @@ def test_the_caption_says_what_the_reading_is():
     assert "low-passed" in discovery.caption(found(follows), 0, {"linear": " It is low-passed."})
     assert "linear form" in discovery.caption(found(follows, rebuilt="yes"), 0, {})
     product = found(stepped)
-    one = discovery._drawing(product, 0, Reported())
+    one = pages.Figure(lambda given: discovery.reading(given, 0), ("discovery",), discovery.caption(product, 0, {}))
     assert "Folded" not in one.caption
     document = {"provenance": {}, "calibration": "case", "event": "case", "origin": "measured", "checks": []}
     document |= {"configuration": "operational", "status": "delivered", "settings": {"level": 1}}
