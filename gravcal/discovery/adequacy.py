@@ -134,12 +134,12 @@ def _explained(problem, baseline, rest, number, group, limit):
             value = attribution.ratio(gram, place, problem.size).value
             if np.abs(rest[number][group, 0] - rows[:, place] @ value).max() < limit:
                 return True
-    for shape in block.steps.values():
-        if _fitted_step(columns.basis, shape, rest[number][:, 0], group)[1] < limit:
-            return True
+    fitted = lambda shape: _fitted_step(columns.basis, shape, rest[number][:, 0], group)  # noqa: E731
+    if any(fitted(shape)[1] < limit for shape in block.steps.values()):
+        return True
     row = int(group[np.argmax(np.abs(rest[number][group, 0]))])
     for shape in _steps_about(block, row):
-        value, left = _fitted_step(columns.basis, shape, rest[number][:, 0], group)
+        value, left = fitted(shape)
         largest = int(np.argmax(np.abs(shape[row] * value)))
         share = value[largest - value.size // 2] / value[largest]  # of the other column; a bad sample has -1
         if left < limit and share > PULSE:

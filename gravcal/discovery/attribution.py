@@ -25,9 +25,8 @@ class Ratio:
     gain: float  #: reduction of chi-square
     dof: int  #: independent parameters
     log_p: float  #: natural logarithm of the probability of a larger gain by chance
-    #: value, covariance: (q,), (q, q) of its parameters
-    value: np.ndarray
-    covariance: np.ndarray
+    value: np.ndarray  #: (q,) of its parameters
+    covariance: np.ndarray  #: (q, q) of its parameters
     determined: np.ndarray  #: (q,) whether the data fix a parameter by itself
 
 
@@ -63,6 +62,13 @@ def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
 def beside(problem: Problem, others: Sequence[int], index: int) -> Ratio:
     """Gain of a candidate with others in the baseline, by their indices."""
     return ratio(projected(problem.total, baseline_of(problem, others)), problem.places[index], problem.size)
+
+
+def likely(at: np.ndarray, gain: np.ndarray, spacing: float) -> tuple[float, float]:
+    """Mean and spread of a number under the likelihood of the gains (n,) of its values (n,), so far apart."""
+    weight = np.exp((gain - gain.max()) / 2)
+    mean = weight @ at / weight.sum()
+    return float(mean), float(np.sqrt(weight @ (at - mean) ** 2 / weight.sum() + spacing**2 / 12))
 
 
 def misfit(gram: np.ndarray, true: slice, value: np.ndarray, other: slice, size: np.ndarray) -> float:
@@ -115,10 +121,7 @@ def _foretold(one, others, index):
 
 
 def disagreement(grams: np.ndarray, baseline: np.ndarray, place: slice, size: np.ndarray) -> tuple[float, int]:
-    """Gain, and parameters more, of a cause with its own value in every block over one value for all.
-
-    Products (b, m, m) less own columns; the candidate's columns stand at `place`.
-    """
+    """Gain, and parameters more, of a cause with its own value in every block (b, m, m) over one value for all."""
     index = np.arange(place.start, place.stop)
     present = [g for g in grams if np.any(np.diag(g)[index] > 0)]
     width, first = index.size, 1 + baseline.size
@@ -151,33 +154,24 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
     each, of the first s shared columns of the baseline, at the plausible size.
     """
     total, width = problem.total, scale.size
-    inverse = inverse_of(total[np.ix_(baseline, baseline)])
-    gram = projected(total, baseline)
-    rows = []
+    inverse, gram, rows = inverse_of(total[np.ix_(baseline, baseline)]), projected(total, baseline), []
+    precision = np.linalg.inv(inverse[:width, :width])
     for candidate, place in zip(problem.candidates, problem.places, strict=True):
         if not candidate.listed or "alone" in candidate.form or candidate.local or not candidate.prior:
             continue
         prior = np.asarray(candidate.prior)
         whole, seen = (matrix[place, place] * np.outer(prior, prior) for matrix in (total, gram))
         shift = (inverse @ total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
-        rows += _directions(candidate, (whole, seen), shift, inverse[:width, :width], scale)
-    return rows
-
-
-def _directions(candidate, grams, shift, covariance, scale):
-    whole, seen = grams
-    values, vectors = np.linalg.eigh(seen)
-    precision = np.linalg.inv(covariance)
-    rows = []
-    for value, vector in zip(values, vectors.T, strict=True):
-        bias = shift @ vector
-        left = value if value > ROUNDING * (vector @ whole @ vector) else 0.0
-        ratio, size = float(np.sqrt(left)), float(np.sqrt(bias @ precision @ bias))
-        if ratio < UNSEEN and size > BIAS:
-            shares = zip(candidate.names, vector.tolist(), strict=True)
-            direction = {n: round(v, 4) for n, v in shares if abs(v) > 0.05}
-            one = {"cause": candidate.cause, "direction": direction, "signal_to_noise": ratio}
-            rows.append(one | {"bias": (scale * bias).tolist(), "bias_in_sigma": size})
+        values, vectors = np.linalg.eigh(seen)
+        for value, vector in zip(values, vectors.T, strict=True):
+            bias = shift @ vector
+            left = value if value > ROUNDING * (vector @ whole @ vector) else 0.0
+            ratio, size = float(np.sqrt(left)), float(np.sqrt(bias @ precision @ bias))
+            if ratio < UNSEEN and size > BIAS:
+                shares = zip(candidate.names, vector.tolist(), strict=True)
+                direction = {n: round(v, 4) for n, v in shares if abs(v) > 0.05}
+                one = {"cause": candidate.cause, "direction": direction, "signal_to_noise": ratio}
+                rows.append(one | {"bias": (scale * bias).tolist(), "bias_in_sigma": size})
     return rows
 
 

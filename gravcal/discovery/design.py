@@ -42,14 +42,10 @@ class Flown:
 
 
 def flown(observed: Observations, information, times: Sequence, items: Sequence[int], causes=()) -> Flown:
-    """What each manoeuvre of a flight tells of the parameters and of some causes.
+    """What each manoeuvre of a flight tells of the parameters and of some causes, slugs of the catalogue.
 
-    Parameters
-    ----------
-    observed : Observations, the blocks of the manoeuvres first, in order of time
-    information : (k, p, p) of each manoeuvre as the calibration estimates it, in the same order
-    times : begin and end, GPS s, of each manoeuvre that was flown; items : number of each in the plan
-    causes : slugs of the catalogue
+    The blocks of the manoeuvres stand first, in order of time, as their information (k, p, p) in the calibration does;
+    times are begin and end, GPS s, of each that was flown, items its number in the plan.
     """
     candidates = _candidates(observed, causes)
     problem = prepare(observed.blocks, candidates)
@@ -95,9 +91,19 @@ def apart(observed: Observations, causes: Sequence[str]) -> dict[tuple[str, str]
     candidates = _candidates(observed, causes)
     problem = prepare(observed.blocks, candidates)
     gram = attribution.projected(problem.total, np.arange(1, problem.shared.stop))
-    whole = {slug: (np.asarray(c.prior), p) for slug, c, p in zip(causes, candidates, problem.places, strict=True)}
-    both = lambda a, b: min(_left(gram, problem.size, *whole[x], whole[y][1]) for x, y in ((a, b), (b, a)))  # noqa: E731
-    return {(a, b): both(a, b) for a, b in itertools.combinations(causes, 2)}
+    prior = {slug: np.asarray(one.prior) for slug, one in zip(causes, candidates, strict=True)}
+    places = dict(zip(causes, problem.places, strict=True))
+    return _apart(gram, problem.size, prior, places, itertools.combinations(causes, 2))
+
+
+def _apart(gram, size, prior, places, pairs):
+    """{pair: least expected chi-square either way} where one acts at its plausible size and the other is fitted."""
+
+    def left(true, fitted):
+        sizes = np.diag(prior[true])
+        return sum(max(attribution.misfit(gram, places[true], one, places[fitted], size), 0.0) for one in sizes)
+
+    return {(a, b): float(min(left(a, b), left(b, a))) for a, b in pairs}
 
 
 def weight(flight: Flown, counts: np.ndarray) -> np.ndarray:
@@ -110,21 +116,6 @@ def covariance(flight: Flown, counts: np.ndarray) -> np.ndarray:
     loose = LOOSE * np.diag(np.diag(flight.information.sum(axis=0)))
     information = np.tensordot(weight(flight, counts), flight.information, axes=1)
     return np.outer(flight.scale, flight.scale) * np.linalg.inv(information + loose)
-
-
-def separation(flight: Flown, counts: np.ndarray, true: str, fitted: str) -> float:
-    """Expected chi-square that is left where one cause acts at its plausible size and another is fitted."""
-    gram = np.zeros((1 + flight.size.size,) * 2)  # the first row is that of observed values, none here
-    gram[1:, 1:] = np.tensordot(weight(flight, counts), flight.gram, axes=1)
-    gram = attribution.projected(gram, np.arange(1, 1 + flight.scale.size))
-    size = np.append(0.0, flight.size)
-    place, other = (slice(flight.causes[n].start + 1, flight.causes[n].stop + 1) for n in (true, fitted))
-    return _left(gram, size, flight.prior[true], place, other)
-
-
-def _left(gram, size, prior, place, other):
-    """The same in products of all columns, those fitted beside projected out."""
-    return float(sum(max(attribution.misfit(gram, place, value, other, size), 0.0) for value in np.diag(prior)))
 
 
 def odds(chi2: float, tied: float) -> float:
@@ -151,8 +142,11 @@ def pooled(flights: Sequence[Flown]) -> Flown:
 
 def judged(flight: Flown, counts: np.ndarray, pairs: Sequence[tuple[str, str]] = ()):
     """Covariance (p, p) of a design, and {pair: least expected chi-square either way}."""
-    apart = {(a, b): min(separation(flight, counts, *p) for p in ((a, b), (b, a))) for a, b in pairs}
-    return covariance(flight, counts), apart
+    if not pairs:
+        return covariance(flight, counts), {}
+    gram = np.tensordot(weight(flight, counts), flight.gram, axes=1)
+    gram = attribution.projected(gram, np.arange(flight.scale.size))
+    return covariance(flight, counts), _apart(gram, flight.size, flight.prior, flight.causes, pairs)
 
 
 def short(apart: Mapping, chi2: float) -> float:
@@ -161,16 +155,9 @@ def short(apart: Mapping, chi2: float) -> float:
 
 
 def chosen(flight: Flown, count: int, allowed: np.ndarray, pairs=(), chi2: float = 0.0, fits=None) -> np.ndarray:
-    """Number (n,) of each manoeuvre in the best design found, of a library of n.
+    """Number (n,) of each manoeuvre in the best design of so many found, of a library of n, each allowed (n,) times.
 
-    Parameters
-    ----------
-    flight : of the library
-    count : manoeuvres of the design
-    allowed : (n,) how many of each there may be
-    pairs : of causes that are to be told apart
-    chi2 : expected chi-square that each pair is to reach
-    fits : numbers (n,) of each -> whether they may be flown together; None: always
+    Pairs of causes are to reach an expected chi-square; `fits` says of numbers (n,) whether they may be flown together.
     """
 
     def loss(counts):

@@ -60,17 +60,7 @@ class Limits:
 
 
 def discover(observed: Observations | None, limits: Limits) -> xr.Dataset:
-    """What the model of an event gets wrong, and why.
-
-    Parameters
-    ----------
-    observed : Observations, None where there is nothing to look at
-    limits : Limits
-
-    Returns
-    -------
-    found : Dataset of kind discovery; attribute `numbers` holds the summary as JSON
-    """
+    """What the model of an event gets wrong, and why: Dataset of kind discovery, its summary as JSON in `numbers`."""
     if observed is None:
         return product.nothing()
     result, numbers = _searched(observed, limits, ())
@@ -89,10 +79,6 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     limits : Limits
     first : Dataset of kind discovery
     model : what it found
-
-    Returns
-    -------
-    found : Dataset of kind discovery
     """
     before = json.loads(first.attrs["numbers"])
     gains = [(one["cause"], one["heldout_gain"]["in_sample_chi2"]) for one in before.get("findings", [])]
@@ -106,17 +92,7 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
 
 
 def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
-    """Raise if an entry in no list names no driver of this calibration: its effect would stay in the records unseen.
-
-    Parameters
-    ----------
-    observed : Observations, None where there is nothing to look at
-    model : entries of a model file
-
-    Raises
-    ------
-    CatalogError : such an entry
-    """
+    """Raise CatalogError if an entry in no list names no driver of this calibration: its effect would stay unseen."""
     strange = {entry.cause for entry in model if not entry.listed}
     if observed is None or not strange:
         return
@@ -131,14 +107,7 @@ def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
 
 
 def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits, say: Callable):
-    """Product of a search with the detection limits of its event among its numbers.
-
-    Parameters
-    ----------
-    found : Dataset of kind discovery
-    observed, limits : of the search that gave it
-    say : is told how far it is
-    """
+    """Product of a search, with the detection limits of its event among its numbers; `say` is told how far it is."""
     if observed is None:
         return found
     left = np.column_stack([found["residual_after"].values, found["found_columns"].values])
@@ -293,17 +262,12 @@ def _epoch(result, position, width):
     problem, index = result.problem, result.findings[position].index
     others = [one.index for k, one in enumerate(result.findings) if k != position]
     gram = attribution.projected(problem.total, baseline_of(problem, others))
-    named = problem.candidates[index].cause
-    middle, slug = epoch_of(named), slug_of(named)
-    steps = [(k, c.cause) for k, c in enumerate(problem.candidates) if c.cause.startswith(f"{slug}@")]
-    places = {epoch_of(cause): k for k, cause in steps}
-    near = {at: k for at, k in sorted(places.items()) if abs(at - middle) <= width}
-    at = np.array(list(near))
-    gain = np.array([attribution.ratio(gram, problem.places[k], problem.size).gain for k in near.values()])
-    weight = np.exp((gain - gain.max()) / 2) * np.gradient(at) if at.size > 1 else np.ones(1)
-    mean = float(weight @ at / weight.sum())
-    spacing = float(np.diff(at).min()) if at.size > 1 else width
-    spread = float(np.sqrt(weight @ (at - mean) ** 2 / weight.sum() + spacing**2 / 12))
+    slug, _, middle = problem.candidates[index].cause.partition("@")
+    places = {epoch_of(c.cause): k for k, c in enumerate(problem.candidates) if c.cause.startswith(f"{slug}@")}
+    at = np.array(sorted(epoch for epoch in places if abs(epoch - float(middle)) <= width))
+    gain = np.array([attribution.ratio(gram, problem.places[places[k]], problem.size).gain for k in at.tolist()])
+    share, spacing = (2 * np.log(np.gradient(at)), np.diff(at).min()) if at.size > 1 else (0.0, width)
+    mean, spread = attribution.likely(at, gain + share, spacing)
     return {"value": mean, "sigma": spread, "unit": "s"}
 
 
@@ -322,24 +286,17 @@ def _without_epochs(numbers: dict) -> dict:
 
 def _beside(problem: Problem, observed: Observations, count: int) -> list[dict]:
     """Effects that these data do not show at a plausible size, and that move a result beside the parameters."""
-    gram = attribution.projected(problem.total, baseline_of(problem, ()))
-    rows = []
+    gram, rows = attribution.projected(problem.total, baseline_of(problem, ())), []
+    places = [((c.cause, *c.names), place.start) for c, place in zip(problem.candidates, problem.places, strict=True)]
     for one in observed.biased():
-        ratio = one.prior * np.sqrt(_information(problem, gram, one))
+        k = next((start for names, start in places if names == (one.cause, one.parameter)), None)
+        seen = k is not None and gram[k, k] > ROUNDING * problem.total[k, k]
+        ratio = one.prior * np.sqrt(gram[k, k]) if seen else 0.0
         if ratio < UNSEEN and one.in_sigma > BIASED:
             words = {"cause": one.cause, "direction": {one.parameter: 1.0}, "signal_to_noise": float(ratio)}
             numbers = {"bias": [0.0] * count, "bias_in_sigma": one.in_sigma, one.name: one.rms.tolist()}
             rows.append(words | numbers)
     return rows
-
-
-def _information(problem, gram, bias):
-    """Square of the signal-to-noise ratio of a parameter at unit size, all baseline parameters free."""
-    for candidate, place in zip(problem.candidates, problem.places, strict=True):
-        if candidate.cause == bias.cause and candidate.names == [bias.parameter]:
-            left, whole = (float(products_[place.start, place.start]) for products_ in (gram, problem.total))
-            return left if left > ROUNDING * whole else 0.0
-    return 0.0
 
 
 def _product(observed, limits, result, numbers):
@@ -362,44 +319,33 @@ def _product(observed, limits, result, numbers):
     return product.dataset(whole, numbers, observed.channels, shown, places, observed.periods)
 
 
-def _records(blocks: list[Block]) -> dict[str, tuple[list[int], np.ndarray]]:
-    """Records that interleaved blocks are stretches of: {name: (blocks, order of their rows by axis and time)}."""
-    groups: dict[str, list[int]] = {}
-    for k, block in enumerate(blocks):
-        groups.setdefault(block.label.split()[0], []).append(k)
-    parts = {
-        n: [np.concatenate([getattr(blocks[k], of) for k in m]) for of in ("time", "axis")] for n, m in groups.items()
-    }
-    return {name: (members, np.lexsort(parts[name])) for name, members in groups.items()}
+def _order(blocks: list[Block]) -> tuple[list[str], np.ndarray, np.ndarray]:
+    """Records that interleaved blocks are stretches of, number of it (n,), and the rows (n,) by record, axis, time."""
+    names = [block.label.split()[0] for block in blocks]
+    records = list(dict.fromkeys(names))
+    number = np.repeat([records.index(name) for name in names], [block.time.size for block in blocks])
+    time, axis = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("time", "axis"))
+    return records, number, np.lexsort([time, axis, number])
 
 
 def _parted(observed, values):
     """Values (n, q) of the rows of a product as they are in each block."""
-    parts, first = {}, 0
-    alone = {b.label: ([k], np.arange(b.observed.size)) for k, b in enumerate(observed.blocks)}
-    for members, order in (_records(observed.blocks) if observed.interleaved else alone).values():
-        mine = np.empty((order.size, values.shape[1]))
-        mine[order] = values[first : first + order.size]
-        ends = np.cumsum([observed.blocks[k].observed.size for k in members])
-        parts |= dict(zip(members, np.split(mine, ends[:-1]), strict=True))
-        first += order.size
-    return [parts[k] for k in range(len(parts))]
+    if observed.interleaved:
+        values = values[np.argsort(_order(observed.blocks)[2])]
+    return np.split(values, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
 
 
 def _joined(result: Result, given: Sequence) -> tuple[Result, list]:
     """Result with the stretches of each record as one block, for the product, and what is given by block likewise."""
     parts = result.problem.blocks
-    records = _records(parts)
-
-    def joined(rows):
-        return [np.concatenate([rows[k] for k in members])[order] for members, order in records.values()]
-
-    names = "channel", "axis", "time", "observed"
-    rows = zip(*(joined([getattr(part, name) for part in parts]) for name in names), strict=True)
+    records, number, order = _order(parts)
+    cuts = np.flatnonzero(np.diff(number[order])) + 1
+    joined = lambda rows: np.split(np.concatenate(rows)[order], cuts)  # noqa: E731
+    rows = (joined([getattr(part, name) for part in parts]) for name in ("observed", "channel", "axis", "time"))
     blocks = []
-    for name, (channel, axis, time, observed) in zip(records, rows, strict=True):
-        nothing = np.zeros((time.size, 0))
-        blocks.append(Block(name, observed, nothing, nothing, channel, axis, time))
+    for name, own, *about in zip(records, *rows, strict=True):
+        nothing = np.zeros((own.size, 0))
+        blocks.append(Block(name, own, nothing, nothing, *about))
     tests = [
         replace(test, rest=joined(test.rest), rows=[r | {"block": r["block"].split()[0]} for r in test.rows])
         for test in (result.before, result.after)
@@ -457,10 +403,7 @@ def _gain(result, columns):
 
 def _line(grid, gains, shape, search):
     """Line at the mean frequency under the likelihood of the grid; its parameters have the unit of the channel."""
-    weight = np.exp((gains - gains.max()) / 2)
-    weight = weight / weight.sum()
-    at = float(weight @ grid)
-    sigma = float(np.sqrt(weight @ (grid - at) ** 2 + (grid[1] - grid[0]) ** 2 / 12))
+    at, sigma = attribution.likely(grid, gains, grid[1] - grid[0])
     columns, used = shape(at)
     names = [f"{part}_{k}" for k in range(used.size // 2) for part in ("cosine", "sine")]
     names = list(itertools.compress(names, used))

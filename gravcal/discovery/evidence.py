@@ -28,10 +28,9 @@ class Cause:
 
     slug: str  #: of the catalogue
     form: str  #: in which its columns are
-    #: names, units: (q,); prior: (q,) plausible sizes
-    names: Sequence[str]
-    units: Sequence[str]
-    prior: np.ndarray
+    names: Sequence[str]  #: (q,)
+    units: Sequence[str]  #: (q,)
+    prior: np.ndarray  #: (q,) plausible sizes
     shared: float = 0.0  #: largest error of its value that all events share
 
 
@@ -64,6 +63,7 @@ def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dat
     gram = attribution.projected(problem.total, nuisance)[np.ix_(kept, kept)]
     time = np.concatenate([block.time for block in observed.blocks])
     measured = {"year": float(np.median(time)) / YEAR_S} | observed.circumstances
+    sized = [(one, [*map(float, one.prior)], observed.shared.get(one.cause, 0.0)) for one in every]
     numbers = {
         "time": float(np.median(time)),
         "parameters": list(observed.parameters),
@@ -72,17 +72,7 @@ def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dat
         "start": np.asarray(observed.start, dtype=float).tolist(),
         "measured": measured | fuel(housekeeping, np.median(time)) | temperature(housekeeping, time.min(), time.max()),
         "common": np.broadcast_to(observed.common, count).tolist(),
-        "causes": [
-            [
-                one.cause,
-                one.form,
-                one.names,
-                one.units,
-                list(map(float, one.prior)),
-                observed.shared.get(one.cause, 0.0),
-            ]
-            for one in every
-        ],
+        "causes": [[one.cause, one.form, one.names, one.units, *sizes] for one, *sizes in sized],
     }
     about = {"gram": ("column other", "products of whitened columns"), "size": ("column", "norm of the columns")}
     values = {"gram": gram, "size": problem.size[kept]}

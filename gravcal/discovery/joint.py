@@ -35,8 +35,9 @@ class Law:
     """How a cause goes from event to event: its parameters are weights (n, k) times k sets of values."""
 
     cause: int  #: number of the cause
-    #: "constant", "epochs", "event", "each", the measured quantity that it follows, or "shared", an error of all events
-    scope: str
+    scope: (
+        str  #: "constant", "epochs", "event", "each", measured quantity that it follows, "shared": error of all events
+    )
     weights: np.ndarray  #: (n, k); (n, 0) of "each"
     labels: Sequence[str]  #: (k,) what each set of values is of
     odds: float = 0.0  #: twice the logarithm of how likely the law is before, beside others of its scope
@@ -92,17 +93,18 @@ class Search:
         self.whole = np.stack([one.gram for one in events])
         self.grams = self.projected(())
 
-    def local(self, each: Sequence[tuple[int, float]]) -> np.ndarray:
-        """Products (n, ...) less what causes that are different in each event take, so many times their prior."""
+    def local(self, named: Sequence[tuple[Law, float]]) -> np.ndarray:
+        """Products (n, ...) less what those named that are different in each event take, so many times their prior."""
         made = self.whole
-        for cause, size in each:
-            made = _taken(made, self.count + self.places[cause], size * self.causes[cause].prior)
+        for law, size in named:
+            if law.scope == "each":
+                made = _taken(made, self.count + self.places[law.cause], size * self.causes[law.cause].prior)
         return made
 
-    def projected(self, each: Sequence[tuple[int, float]]) -> np.ndarray:
+    def projected(self, named: Sequence[tuple[Law, float]]) -> np.ndarray:
         """The same (n, m, m) less the parameters of the calibration."""
         own = np.arange(1, 1 + self.count)
-        return np.stack([attribution.projected(one, own)[np.ix_(self.kept, self.kept)] for one in self.local(each)])
+        return np.stack([attribution.projected(one, own)[np.ix_(self.kept, self.kept)] for one in self.local(named)])
 
     def constant(self, cause: int) -> Law:
         """The law of a cause that is the same in all events."""
@@ -162,13 +164,8 @@ class Search:
             prior.append([one.shared / np.sqrt(3)] if law.scope == SHARED else np.tile(one.prior, many))
         return np.concatenate(index), np.concatenate(weight, axis=1), np.concatenate(prior)
 
-    def products(
-        self, laws: Sequence[Law], grams: np.ndarray | None = None
-    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Products (n, c, c) of the values of some laws in each event, their priors (c,) and norms (c,).
-
-        What is known of errors that all events share is in the products, a part of it in each event.
-        """
+    def products(self, laws: Sequence[Law], grams: np.ndarray | None = None) -> tuple[np.ndarray, ...]:
+        """Products (n, c, c) of values of laws in each event, with their share of known errors; priors, norms (c,)."""
         index, weight, prior = self.columns(laws)
         grams = self.grams if grams is None else grams
         made = grams[:, index[:, None], index] * weight[:, :, None] * weight[:, None, :]
@@ -301,18 +298,16 @@ class Search:
             chance[row[4].cause] = float(np.exp(p)), *row[:3]
             if len(named) > 1:  # laws of those before, beside the new one
                 named = self._settled(named)
-            self.grams = self.projected([(law.cause, size) for law, size in named if law.scope == "each"])
+            self.grams = self.projected(named)
         tried = len(self.causes) * len(self.laws(0))
         return self._result(named, chance, tried)
 
     def _settled(self, named):
         """Named laws with each of the others chosen again beside the rest."""
         for k, (law, _) in enumerate(named):
-            others = [one for j, (one, _) in enumerate(named) if j != k and one.scope != "each"]
-            self.grams = self.projected(
-                [(o.cause, s) for j, (o, s) in enumerate(named) if j != k and o.scope == "each"]
-            )
-            row = max(self.best(law.cause, others), key=lambda r: r[2])
+            rest = [one for j, one in enumerate(named) if j != k]
+            self.grams = self.projected(rest)
+            row = max(self.best(law.cause, [one for one, _ in rest if one.scope != "each"]), key=lambda r: r[2])
             named[k] = row[4], row[3]
         return named
 
@@ -337,13 +332,14 @@ class Search:
             gain, dof, score = chance[law.cause][1:] if k is None else self.judged([mine], others)[0][:3]
             part = slice(0, 0) if k is None else slice(ends[k], ends[k + 1])
             shape = mine.weights.shape[1], self.places[law.cause].size
-            held = self._held_out(mine, others) if k is not None else np.nan
+            made = self.products([*others, mine])[0]
+            both = np.split(np.arange(1, made.shape[1]), [made.shape[1] - 1 - int(np.prod(shape))])
+            held = attribution.held_out(made, *both) if k is not None else np.nan
             words = {"value": value[part].reshape(shape), "sigma": np.sqrt(np.diag(covariance)[part]).reshape(shape)}
             apart = self._apart(law.cause, others, [row for row in named if row[0].cause != law.cause])
             one = Named(mine, gain, dof, chance[law.cause][0], score, held, **words, apart=apart)
             found.append(replace(one, ties=self._ties(one, others)) if k is not None else one)
-        each = [(law.cause, size) for law, size in named if law.scope == "each"]
-        offset, spread = self._offsets(every, value, covariance, each)
+        offset, spread = self._offsets(every, value, covariance, named)
         covariance = covariance[: ends[-1], : ends[-1]]
         alone = self._offsets([], np.zeros(0), np.zeros((0, 0)), ())
         error = np.sqrt(np.einsum("ipip->ip", alone[1]))
@@ -366,9 +362,9 @@ class Search:
                 covariance[start:stop, start:stop] += largest**2 / 3 * np.outer(constant, constant)
         return value, covariance
 
-    def _apart(self, cause, others, each):
+    def _apart(self, cause, others, named):
         """Values of a cause in each event by itself, and the chi-square of one value for all, beside other laws."""
-        self.grams = self.projected([(law.cause, size) for law, size in each if law.scope == "each"])
+        self.grams = self.projected(named)
         made, _, size = self.products([*others, self.constant(cause)])
         last = slice(size.size - self.places[cause].size, size.size)
         held, total = np.arange(1, last.start), made.sum(axis=0)
@@ -384,12 +380,6 @@ class Search:
             seen = attribution.spread(one, last, size) @ one[last, last] @ away
             gain, dof = gain + float(seen @ seen), dof + found.dof
         return values, gain, max(dof - attribution.ratio(total, last, size).dof, 0)
-
-    def _held_out(self, law, others):
-        """Gain of a law in each event as all others predict it."""
-        made = self.products([*others, law])[0]
-        first = made.shape[1] - law.weights.shape[1] * self.places[law.cause].size
-        return attribution.held_out(made, np.arange(1, first), np.arange(first, made.shape[1]))
 
     def foretold(self, laws: Sequence[Law], out: Sequence[str] = ()) -> list[tuple[float, int, float]]:
         """(chi2, dof, log p) of what each event says of the values, against what the others foretell, some left out."""
@@ -466,12 +456,12 @@ class Search:
             left.append(np.einsum("m,bmk,k->b", whole, both, whole))
         return left[0] - left[1]
 
-    def _offsets(self, laws, value, covariance, each):
+    def _offsets(self, laws, value, covariance, named):
         """Parameters (n, p) of the calibration in each event, and their covariance (n, p, n, p)."""
         count, own = self.count, np.arange(1, 1 + self.count)
         index, weight, _ = self.columns(laws)
         centre, turns, inner = [], [], []
-        for k, gram in enumerate(self.local(each)):
+        for k, gram in enumerate(self.local(named)):
             inner.append(inverse_of(gram[np.ix_(own, own)]))
             columns = count + index[1:]
             turns.append(inner[-1] @ (gram[np.ix_(own, columns)] * weight[k, 1:]))

@@ -57,9 +57,8 @@ def _after(observed, left):
     for block, part in zip(observed.blocks, left, strict=True):
         alone = np.flatnonzero((np.abs(part[:, 0]) < GONE) & (np.abs(block.observed) > GONE))
         own = (np.arange(block.observed.size)[:, None] == alone).astype(float)
-        wider = np.column_stack([block.global_columns, part[:, 1:]])
-        blocks.append(replace(block, observed=part[:, 0], global_columns=wider))
-        blocks[-1] = replace(blocks[-1], local_columns=np.column_stack([block.local_columns, own]))
+        wider, own = np.column_stack([block.global_columns, part[:, 1:]]), np.column_stack([block.local_columns, own])
+        blocks.append(replace(block, observed=part[:, 0], global_columns=wider, local_columns=own))
     return prepare(blocks, observed.candidates)
 
 
@@ -76,14 +75,10 @@ def _along(problem, choice, rng):
     for channel, cause in choice.tone_causes.items():
         grid = scan.frequencies(problem.blocks, channel)
         for frequency in rng.permutation(grid)[:FORMS] if not cause.startswith("unknown:") else ():
-            waves = [
-                [scan.sine_columns(block, channel, frequency, [axis]) for axis in range(3)] for block in problem.blocks
-            ]
-            phases = rng.uniform(0, 2 * np.pi, len(waves))
-            turned = [
-                np.stack([w @ [np.cos(p), np.sin(p)] for w in some], axis=1)
-                for some, p in zip(waves, phases, strict=True)
-            ]
+            phases = rng.uniform(0, 2 * np.pi, len(problem.blocks))
+            turns = [np.kron(np.eye(3), [[np.cos(phase)], [np.sin(phase)]]) for phase in phases]
+            waves = [scan.sine_columns(block, channel, frequency, range(3)) for block in problem.blocks]
+            turned = [wave @ turn for wave, turn in zip(waves, turns, strict=True)]
             used = sum(bool(part.any()) for part in turned)
             tails[len(problem.candidates)] = 2 * used, np.log(choice.level * trials.SHARES["line"] / count)
             names = [f"amplitude {axis}" for axis in "xyz"]
@@ -98,8 +93,8 @@ class _Scored:
         self.problem, self.choice = problem, choice
         self.baseline = baseline_of(problem, ())
         self.gram = attribution.projected(problem.total, self.baseline)
-        self.shift = inverse_of_baseline(problem, self.baseline) @ problem.total[self.baseline]
         self.covariance = inverse_of_baseline(problem, self.baseline)
+        self.shift = self.covariance @ problem.total[self.baseline]
         factors = [attribution.spread(self.gram, place, problem.size) for place in problem.places]
         self.kept = [k for k, factor in enumerate(factors) if factor.shape[0]]
         self.dof = np.array([factors[k].shape[0] for k in self.kept])
@@ -120,9 +115,9 @@ class _Scored:
         """Gain (k, n) of every candidate for products (m, n) of the columns with a residual."""
         return np.add.reduceat((self.factor @ right) ** 2, self.starts, axis=0)
 
-    def named(self, place: int):
+    def named(self, own: str, place: int):
         """What the first round names where a column is added: own cause right (s, r), sets of causes, size of S/N 1."""
-        column, own = self.gram[:, place], slug_of(self.problem.candidates[self._candidate(place)].cause)
+        column = self.gram[:, place]
         power = float(column[place])
         if power <= attribution.ROUNDING * self.problem.total[place, place]:
             return None
@@ -145,10 +140,6 @@ class _Scored:
             right.append(bool(hit and self.listed[winner] and len(some | {own}) <= LARGEST_SET))
         return np.array(right).reshape(2, -1), [sets[: RATIOS.size], sets[RATIOS.size :]], unit
 
-    def _candidate(self, place):
-        """Index of the candidate that a column belongs to."""
-        return next(k for k, one in enumerate(self.problem.places) if one.start <= place < one.stop)
-
 
 def _injected(problem, rng):
     """{cause: [(index, column of the candidate)]} of every listed effect, of many forms a few."""
@@ -167,7 +158,7 @@ def _row(scored, index, column, scale):
     row = {"cause": slug_of(candidate.cause), "form": candidate.form, "parameter": candidate.names[column]}
     row |= {"unit": candidate.units[column], "prior": prior, "size": None, "signal_to_noise": None, "confirmed": None}
     row |= {"alone_from": None, "confused_with": [], "bias": None, "bias_in_sigma": None, "relative": np.inf}
-    found = scored.named(place)
+    found = scored.named(row["cause"], place)
     right, sets, unit = found if found else (np.zeros((2, RATIOS.size), dtype=bool), [[set()] * RATIOS.size] * 2, None)
     at = max(_from(each) for each in right)
     single = [[r and s == {row["cause"]} for r, s in zip(*one, strict=True)] for one in zip(right, sets, strict=True)]
@@ -197,10 +188,8 @@ def _confirmed(problem, choice, row, candidates):
     index, column = row["at"]
     for factor in LONGER:
         size = factor * row["size"]
-        blocks = []
-        for block, part in zip(problem.blocks, problem.candidates[index].columns, strict=True):
-            added = 0.0 if part is None else size * part[:, column]
-            blocks.append(replace(block, observed=block.observed + added))
+        parts = zip(problem.blocks, problem.candidates[index].columns, strict=True)
+        blocks = [b if c is None else replace(b, observed=b.observed + size * c[:, column]) for b, c in parts]
         again = replace(prepare(blocks, candidates), memory=problem.memory)
         named = rounds.names(again, choice)
         if any(row["cause"] in one and len(one) <= LARGEST_SET for one in named):

@@ -63,7 +63,7 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
         covariance = covariance + _over_forms(result.problem, [], tried, (-1, value))[1]
     unseen = _unnamed(result, [one.index for one in kept], value.size)
     covariance = covariance + sum(unseen.values())
-    ends = {"shared": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
+    ends = {"shared": value, "covariance": covariance}
     ends = {name: (getattr(result, name)[0], after) for name, after in ends.items()}
     return replace(result, **ends, adopted=adopted, unseen={c: np.sqrt(np.diag(one)) for c, one in unseen.items()})
 
@@ -98,18 +98,12 @@ def _averaged(result, used):
     value = fitted.copy()
     for position, one in enumerate(itertools.compress(result.findings, used)):
         others = [*named[:position], *named[position + 1 :]]
-        tried = _alternatives(problem, one, named[position], others)
+        causes, forms = {one.cause, *one.tied}, {(own["cause"], own["form"]) for own in one.imitators}
+        alike = {k for k, c in enumerate(problem.candidates) if c.cause in causes or (c.cause, c.form) in forms}
+        tried = {named[position]} | (alike - {*others})  # forms of it and of listed causes tied with it, imitators
         mean, spread = _over_forms(problem, others, tried, (named[position], fitted))
         value, covariance = value + mean, covariance + spread - np.outer(mean, mean)
     return value, covariance
-
-
-def _alternatives(problem, finding, index, others):
-    """Indices of what may be there instead of a finding: forms of it and of listed causes tied with it, imitators."""
-    causes = {finding.cause, *finding.tied}
-    forms = {(one["cause"], one["form"]) for one in finding.imitators}
-    rows = enumerate(problem.candidates)
-    return {index} | {k for k, c in rows if (c.cause in causes or (c.cause, c.form) in forms) and k not in others}
 
 
 def _over_forms(problem, others, tried, about):

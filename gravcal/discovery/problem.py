@@ -107,8 +107,7 @@ class Columns:
         return made
 
     def made(self, wanted: np.ndarray) -> np.ndarray:
-        """The same, not remembered."""
-        # column by column, so that zeros take no memory
+        """The same, not remembered; column by column, so that zeros take no memory."""
         made = np.zeros((self.basis.shape[0], wanted.size), order="F")
         if self.basis.shape[1]:
             made = self.basis @ -self.inside[:, wanted]
@@ -160,10 +159,7 @@ class Columns:
 
 
 def without_rounding(products: np.ndarray, squares: np.ndarray) -> np.ndarray:
-    """Products (m, m) less own columns, in place, with zeros for columns of which nothing but rounding is left.
-
-    Their squares (m,) before that tell what rounding is; 0 for columns that were looked at before.
-    """
+    """Products (m, m) less own columns, in place, zero where what is left of their squares (m,) is rounding."""
     lost = np.diag(products) <= ROUNDING * squares
     products[lost] = 0.0
     products[:, lost] = 0.0
@@ -171,12 +167,10 @@ def without_rounding(products: np.ndarray, squares: np.ndarray) -> np.ndarray:
 
 
 def columns_of(channel: np.ndarray, basis: np.ndarray, pieces: Sequence[np.ndarray | None], widths) -> Columns:
-    """Columns from pieces (n, q) that stand side by side, each of its width, None where all of it is zero.
-
-    The channel (n,) parts the rows; the basis (n, r) is that of the own columns.
-    """
+    """Columns from pieces (n, q) of these widths side by side, None where all is zero; channels (n,) part the rows."""
     ends = np.cumsum([0, *widths])
-    groups = _groups(channel)
+    starts = np.concatenate([[0], 1 + np.flatnonzero(channel[1:] != channel[:-1]), [channel.size]]).tolist()
+    groups = [slice(*one) for one in itertools.pairwise(starts if len(starts) <= GROUPS + 1 else (0, channel.size))]
     parts, inside = [], np.zeros((basis.shape[1], ends[-1]))
     for rows in groups:
         used = [k for k, piece in enumerate(pieces) if piece is not None and piece[rows].any()]
@@ -187,37 +181,18 @@ def columns_of(channel: np.ndarray, basis: np.ndarray, pieces: Sequence[np.ndarr
     return Columns(int(ends[-1]), groups, parts, basis, inside)
 
 
-def _groups(channel):
-    """Slices of rows of one channel each, or all rows."""
-    starts = np.concatenate([[0], 1 + np.flatnonzero(channel[1:] != channel[:-1]), [channel.size]])
-    if starts.size - 1 > GROUPS:
-        return [slice(0, channel.size)]
-    return [slice(int(a), int(b)) for a, b in zip(starts[:-1], starts[1:], strict=True)]
-
-
 @dataclass(frozen=True)
 class Problem:
-    """What the rounds work on.
-
-    Attributes
-    ----------
-    blocks, candidates : as handed over; causes found along the time or frequency axis are appended to the candidates
-    columns : Columns of each block: observed, shared, candidates
-    gram : (b, m, m) products of these columns
-    places : slice of each candidate; shared : slice
-    size : (m,) norm with own columns projected out, to which what is seen beside a baseline is compared
-    samples : (b,) rows that carry weight, less own columns
-    memory : what follows from the blocks alone, made once
-    """
+    """What the rounds work on."""
 
     blocks: list[Block]
-    candidates: list[Candidate]
-    columns: list[Columns]
-    gram: np.ndarray
-    places: list[slice]
-    size: np.ndarray
-    samples: np.ndarray
-    memory: dict = field(default_factory=dict)
+    candidates: list[Candidate]  #: as handed over, then causes found along the time or frequency axis
+    columns: list[Columns]  #: of each block: observed, shared, candidates
+    gram: np.ndarray  #: (b, m, m) products of these columns
+    places: list[slice]  #: of each candidate
+    size: np.ndarray  #: (m,) norm beside own columns, to which what is seen beside a baseline is compared
+    samples: np.ndarray  #: (b,) rows that carry weight, less own columns
+    memory: dict = field(default_factory=dict)  #: what follows from the blocks alone, made once
 
     @property
     def bases(self) -> list[np.ndarray]:
@@ -359,7 +334,10 @@ def drawn_noise(
             here = (block.channel == channel) & (block.axis == axis)
             own = block.level_error.get((channel, axis), 0.0)
             factor = factor * np.exp(own * rng.standard_normal(count)) if own else factor
-            noise[here] = _neighbouring(noise[here], shape[channel, axis]) * factor.astype(np.float32)
+            mixed = noise[here]
+            for k, share in enumerate(shape[channel, axis].astype(np.float32), start=1):
+                mixed[k:] += share * noise[here][:-k]
+            noise[here] = mixed * factor.astype(np.float32)
         rows.append(noise)
     for channel, coefficients in (order or {}).items():
         for axis in range(3) if not quiet.get(channel) else ():
@@ -376,14 +354,6 @@ def _whitened(blocks, rows, place, order):
         model = fit_noise(pieces, order, 1.0)
         for (row, at), piece in zip(here, pieces, strict=True):
             row[at, draw] = whiten(model, piece, np.ones(piece.size, dtype=bool))
-
-
-def _neighbouring(noise, shares):
-    """Noise (n, d) with shares (p, d) of the rows before each."""
-    mixed = noise.copy()
-    for k, share in enumerate(shares.astype(np.float32), start=1):
-        mixed[k:] += share * noise[:-k]
-    return mixed
 
 
 def weighted_rows(block) -> np.ndarray:

@@ -33,12 +33,7 @@ def _dataset(values, **attrs):
 
 
 def dataset(
-    result: Result,
-    numbers: dict,
-    channels: Sequence[str],
-    reading: Mapping | None = None,
-    places: Sequence[Shown] = (),
-    periods: Iterable[float] = (),
+    result: Result, numbers: dict, channels: Sequence[str], reading: Mapping, places: Sequence[Shown], periods: Iterable
 ) -> xr.Dataset:
     """Product of a search: residuals, adequacy, numbers of `summary`, readings of `variables` at `places`."""
     blocks, before, after = result.problem.blocks, result.before, result.after
@@ -62,22 +57,12 @@ def dataset(
         "p_band_before": [r["p"] for r in rows],
         "p_band_after": [r["p"] for r in after.rows],
     }
-    text = json.dumps(_known(numbers), allow_nan=False, sort_keys=True)
+    plain = json.loads(json.dumps(numbers, default=lambda one: one.item()), parse_constant=lambda _: None)
+    text = json.dumps(plain, allow_nan=False, sort_keys=True)
     words = {"numbers": text, "channels": " ".join(names), "blocks": ", ".join(labels)}
     where = [asdict(one) | {"block": blocks[one.block].label} for one in places]
     words |= {"shown": json.dumps(where), "periods": json.dumps(list(periods))}
-    return _dataset(values | (reading or {}), **words)
-
-
-def _known(value):
-    """NaN and infinity become null."""
-    if isinstance(value, dict):
-        return {k: _known(v) for k, v in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_known(v) for v in value]
-    if isinstance(value, (np.floating, float)):
-        return float(value) if np.isfinite(value) else None
-    return value.item() if isinstance(value, np.generic) else value
+    return _dataset(values | reading, **words)
 
 
 def summary(result: Result, choice: Choice, observed: Observations) -> dict:

@@ -9,7 +9,15 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from gravcal.discovery import adequacy, attribution, shaping, trials
-from gravcal.discovery.problem import Problem, baseline_of, drawn_noise, extended, inverse_of, prepare
+from gravcal.discovery.problem import (
+    Problem,
+    baseline_of,
+    drawn_noise,
+    extended,
+    inverse_of,
+    inverse_of_baseline,
+    prepare,
+)
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Block, Candidate, Shape, epoch_of, slug_of
 
@@ -24,12 +32,9 @@ class Choice:
     step_cause: str  #: slug of a step
     tone_causes: dict[str, str]  #: {channel: slug}
     segment_s: float = 15.0  #: s, stretch of time that is left out for causes of a single block
-    #: {channel: quiet samples an axis that its noise was measured from}
-    quiet: Mapping[str, float] = field(default_factory=dict)
-    #: {channel: coefficients of its noise model}, as `drawn_noise` takes them
-    order: Mapping[str, int] = field(default_factory=dict)
-    #: {s: highest harmonic} of the manoeuvre and of the orbit, at which no line is offered
-    periods: Mapping[float, int] = field(default_factory=dict)
+    quiet: Mapping[str, float] = field(default_factory=dict)  #: {channel: quiet samples an axis of its noise}
+    order: Mapping[str, int] = field(default_factory=dict)  #: {channel: coefficients of its noise model}
+    periods: Mapping[float, int] = field(default_factory=dict)  #: {s: highest harmonic}, at which no line is offered
     excess: bool = True  #: True to name power beyond noise that nothing else takes
 
     @property
@@ -51,28 +56,23 @@ class Choice:
 class Finding:
     """One accepted cause."""
 
-    #: cause, form, tied: name, shape, causes of the catalogue that fit as well
     cause: str
     form: str
-    tied: list[str]
-    #: names, units, value, sigma: parameters of the cause, NaN where the data do not determine one
-    names: list[str]
-    units: list[str]
-    value: np.ndarray
+    tied: list[str]  #: causes of the catalogue that fit as well
+    names: list[str]  #: (q,) of its parameters
+    units: list[str]  #: (q,)
+    value: np.ndarray  #: (q,) NaN where the data do not determine one; as sigma
     sigma: np.ndarray
     index: int  #: of the candidate in the baseline, whose form may have fewer parameters
-    #: gain, dof: of the likelihood ratio with all other findings in the baseline
-    gain: float
-    dof: int
+    gain: float  #: of the likelihood ratio with all other findings in the baseline
+    dof: int  #: of that
     significance: float  #: probability corrected for everything that was tried
     heldout: float  #: twice the log likelihood gained on data left out
     kind: str  #: "manoeuvres" or "blocks"
-    #: at, at_sigma: epoch s or frequency Hz of a step or a line
-    at: float = np.nan
+    at: float = np.nan  #: epoch s or frequency Hz of a step or a line
     at_sigma: float = np.nan
     separation: list = field(default_factory=list)  #: of `attribution.separation`, for each tied cause
-    #: {"cause", "form", "expected_chi2"} of drivers in no list that a listed cause cannot be told from
-    imitators: list = field(default_factory=list)
+    imitators: list = field(default_factory=list)  #: {"cause", "form", "expected_chi2"} of drivers that fit as well
 
 
 @dataclass(frozen=True)
@@ -80,14 +80,11 @@ class Result:
     """What a search found."""
 
     findings: list[Finding]  #: list of Finding
-    #: before, after: adequacy of the baseline and of the extended model
-    before: adequacy.Test
-    after: adequacy.Test
+    before: adequacy.Test  #: of the baseline
+    after: adequacy.Test  #: of the extended model
     chi2: tuple[float, float]  #: before, after; dof
     dof: int
-    #: shared, sigma: (p,) corrections of the shared parameters before, after, and their errors
-    shared: tuple[np.ndarray, np.ndarray]
-    sigma: tuple[np.ndarray, np.ndarray]
+    shared: tuple[np.ndarray, np.ndarray]  #: (p,) corrections of the shared parameters before, after
     covariance: tuple[np.ndarray, np.ndarray]  #: (p, p) before, after
     problem: Problem  #: Problem, with everything accepted
     baseline: np.ndarray  #: (p,) indices of columns of the extended model
@@ -96,6 +93,11 @@ class Result:
     outliers: list[dict] = field(default_factory=list)  #: of `adequacy.without_outliers`, left out before the search
     #: {cause not named: (p,) what its directions that the data do not see add to the error after, rms}
     unseen: dict[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def sigma(self) -> tuple[np.ndarray, ...]:
+        """(p,) errors of the shared parameters before, after."""
+        return tuple(np.sqrt(np.diag(one)) for one in self.covariance)
 
 
 def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> Result:
@@ -255,16 +257,16 @@ def _finding(problem, chosen, position, choice):
     near = {n: one for n, one in near.items() if not _needless(problem, others, index, one[1], choice)}
     tied = {cause: k for cause, (_, k) in near.items() if problem.candidates[k].listed}
     apart = [attribution.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
-    wide = [
-        _widest(problem, k) if "," in problem.candidates[k].form else k for k in others
-    ]  # what was left out of them
+    wide = [_widest(problem, k) if "," in problem.candidates[k].form else k for k in others]  # with what was left out
     beside = attribution.projected(problem.total, baseline_of(problem, wide))
     names, units, value, sigma = _parameters(problem, beside, index)
     numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
     words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}
     alike = _as_good(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
     alike = {n: one for n, one in alike.items() if not _needless(problem, others, index, one[1], choice)} | near
-    words |= {"kind": kind, "separation": apart, "imitators": _imitators(problem, alike)}
+    rows = [(expected, problem.candidates[k]) for expected, k in sorted(alike.values())]
+    drivers = [{"cause": c.cause, "form": c.form, "expected_chi2": max(float(e), 0.0)} for e, c in rows if not c.listed]
+    words |= {"kind": kind, "separation": apart, "imitators": drivers}
     where = trial if np.isfinite(trial.at) else candidate  # that was made of the trial that located it
     return Finding(**words, **numbers, value=value, sigma=sigma, index=index, at=where.at, at_sigma=where.at_sigma)
 
@@ -315,25 +317,15 @@ def _as_good(problem, gram, index, ratio, tie):
     return {cause: (apart[k] - ratio.dof, k) for cause, (_, k) in found.items()}
 
 
-def _imitators(problem, near):
-    """Drivers in no list among causes that are near, nearest first."""
-    near = sorted(near.items(), key=lambda row: row[1])
-    rows = [(cause, problem.candidates[k], max(float(expected), 0.0)) for cause, (expected, k) in near]
-    return [{"cause": n, "form": one.form, "expected_chi2": e} for n, one, e in rows if not one.listed]
-
-
 def _result(problem, findings, tests, baseline, first):
-    total, width = problem.total, problem.shared.stop - 1
-    ends = []
+    total, width, ends = problem.total, problem.shared.stop - 1, []
     for fixed in (baseline_of(problem, ()), baseline):
-        covariance = inverse_of(total[np.ix_(fixed, fixed)])
+        covariance = inverse_of_baseline(problem, fixed)
         chi2 = float(attribution.projected(total, fixed)[0, 0])
-        ends.append(((covariance @ total[fixed, 0])[:width], covariance[:width, :width], chi2))
-    value, covariance, chi2 = (tuple(e) for e in zip(*ends, strict=True))
-    sigma = tuple(np.sqrt(np.diag(c)) for c in covariance)
-    numbers = {"chi2": chi2, "dof": int(problem.samples.sum()) - width, "shared": value, "sigma": sigma}
-    more = {"covariance": covariance, "problem": problem, "baseline": baseline, "first": first or []}
-    return Result(findings, *tests, **numbers, **more)
+        ends.append((chi2, (covariance @ total[fixed, 0])[:width], covariance[:width, :width]))
+    chi2, value, covariance = zip(*ends, strict=True)
+    dof = int(problem.samples.sum()) - width
+    return Result(findings, *tests, chi2, dof, value, covariance, problem, baseline, first or [])
 
 
 #: Extra chi-square per gained chi-square, and its probability, at which the blocks do not agree on one value.
@@ -395,7 +387,7 @@ def pruned(problem: Problem, chosen: list) -> list:
     while len(chosen) > 1:
         indices = [k for k, _ in chosen]
         baseline = baseline_of(problem, indices)
-        value = inverse_of(problem.total[np.ix_(baseline, baseline)]) @ problem.total[baseline, 0]
+        value = inverse_of_baseline(problem, baseline) @ problem.total[baseline, 0]
         gram, width = attribution.projected(problem.total, baseline_of(problem, ())), problem.shared.stop - 1
         whole = np.zeros((problem.size.size, len(indices)))
         for column, k in enumerate(indices):
@@ -416,10 +408,7 @@ def pruned(problem: Problem, chosen: list) -> list:
 
 
 def settled(problem, chosen, choice, noise, before):
-    """Names, (index, Trial) each, and adequacy, also with listed causes given way to ones in no list that are as good.
-
-    That is where too much is left; `noise` (n, draws) a block, `before` the adequacy of the baseline.
-    """
+    """Names and adequacy; where too much is left, listed causes give way to ones in no list that are as good."""
     if not chosen:
         return chosen, before
     after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
@@ -497,29 +486,20 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         ratio = attribution.beside(grown, used, index)
         about = ratio.gain, ratio.dof, ratio.log_p, after.excess_p
         trial = trials.Trial("excess", candidate.cause, candidate.form, index, *about)
-        lines = [one for one in chosen if _inside(one[1], after.excess)]
-        if lines and _left_of(grown, chosen, lines, index):
+        low, high = sorted(after.excess.band)
+        lines = [one for one in chosen if one[1].kind == "line" and one[1].channel == after.excess.channel]
+        lines = [one for one in lines if low <= one[1].at <= high]
+        others = [one for one in chosen if one not in lines]
+        rest = [k for k, _ in others]
+        alone = {k: attribution.beside(grown, rest, k).log_p for k in (index, *(k for k, _ in lines))}
+        if min(alone, key=alone.get) != index:  # it is what a line leaves that is less likely by chance
             break
         if (index, trial) not in without_shadows(grown, [*chosen, (index, trial)]):
             break
-        others = [one for one in chosen if one not in lines]
         others = [one for one in others if _passes(grown, [k for k, _ in others if k != one[0]] + [index], one, choice)]
         problem, chosen = grown, [*others, (index, trial)]
         after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
     return problem, chosen, after
-
-
-def _left_of(problem, chosen, lines, index):
-    """Whether an excess is what a line leaves: the line alone is less likely by chance than all of the excess alone."""
-    others = [k for k, _ in chosen if k not in {line for line, _ in lines}]
-    alone = {k: attribution.beside(problem, others, k).log_p for k in (index, *(k for k, _ in lines))}
-    return min(alone, key=alone.get) != index
-
-
-def _inside(trial, excess):
-    """Whether a name is a line in the channel and band of an excess, which is no tone."""
-    low, high = sorted(excess.band)
-    return trial.kind == "line" and trial.channel == excess.channel and low <= trial.at <= high
 
 
 def _passes(problem, others, one, choice):

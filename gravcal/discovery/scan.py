@@ -150,18 +150,17 @@ def line_gains(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], c
             if waves is None:
                 continue
             cross = waves(problem.columns[i].of(baseline)[rows])
-            inner = own - cross @ inverse @ cross.swapaxes(1, 2)
-            gain[axis] += _line_gain(inner, waves(rest[i][rows]))
+            inner, right = own - cross @ inverse @ cross.swapaxes(1, 2), waves(rest[i][rows])
+            a, b, c = (inner[:, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
+            both = c * right[:, 0] ** 2 - 2 * b * right[:, 0] * right[:, 1] + a * right[:, 1] ** 2
+            gain[axis] += both / (a * c - b**2)
             dof[axis] += 2
     gain[3], dof[3] = gain[:3].sum(axis=0), dof[:3].sum(axis=0)
     return gain, dof
 
 
 def _waves(problem, index, channel, axis, grid):
-    """Rows of an axis in a block, `waves_at` there, and the products (f, 2, 2) of its columns beside own ones.
-
-    None in place of both where the block has less than 40 rows.
-    """
+    """Rows of an axis in a block, `waves_at` there, products (f, 2, 2) beside own columns; None, None if under 40."""
     key = ("waves", index, channel, axis, grid.tobytes())
     if key not in problem.memory:
         block = problem.blocks[index]
@@ -223,13 +222,6 @@ def _squares(time, grid):
     return np.stack([np.stack([half + cosine, sine], axis=1), np.stack([sine, half - cosine], axis=1)], axis=2)
 
 
-def _line_gain(inner, right):
-    """Reduction of chi-square (f, d) by columns with products (f, 2, 2), and (f, 2, d) with the residual."""
-    a, b, c = (inner[:, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
-    cosine, sine = right[:, 0], right[:, 1]
-    return (c * cosine**2 - 2 * b * cosine * sine + a * sine**2) / (a * c - b**2)
-
-
 def sine_columns(block: Block, channel: str, frequency: float, axes) -> np.ndarray:
     """Sine and cosine (n, 2 a) of a frequency Hz in the whitened rows of some axes of a channel."""
     columns = np.zeros((block.observed.size, 2 * len(axes)))
@@ -261,9 +253,8 @@ class Excess:
 
     kind: str  #: "tile", "slow", "chirp", or "drift" of a line through all blocks
     channel: str  #: name
-    #: axis, block: index, -1 for all axes, all blocks
-    axis: int
-    block: int
+    axis: int  #: -1 for all
+    block: int  #: -1 for all
     span: tuple[float, float]  #: (2,) s from the first row of the block
     band: tuple[float, float]  #: (2,) Hz; of a chirp or a drifting line where it begins and where it ends
     #: (d,) log of the probability of so unusual a place, corrected for how many there are, of each residual

@@ -1,6 +1,6 @@
 """Causes with a shape, such as the frequency of a mode: fitted where a search along a grid has found them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -16,20 +16,27 @@ STEP = 1e-4  # relative, for derivatives by the shape
 FIRST, AROUND, PASSES = 0.02, 6, 3
 
 
-@dataclass(frozen=True)
 class _Beside:
     """What stays the same while a shape is fitted: residual and columns of the baseline."""
 
-    problem: Problem
-    rest: list[np.ndarray]
-    columns: list[np.ndarray]
-    inverse: np.ndarray
+    def __init__(self, problem, baseline):
+        self.problem, self.inverse = problem, inverse_of_baseline(problem, baseline)
+        self.rest = residuals_of(problem, baseline, observed_rows(problem))
+        self.columns = [c.of(baseline) for c in problem.columns]
 
     def products(self, parts):
-        """Products (q, q) and (q,) of columns with each other and with the residual, baseline projected out."""
-        rows = zip(self.problem.bases, self.rest, self.columns, parts, strict=True)
-        made = [_products(*row) for row in rows if row[-1] is not None]
-        crossed, inner, right = (sum(one) for one in zip(*made, strict=True))
+        """Products (q, q) and (q,) of columns with each other and with the residual, baseline projected out.
+
+        Baseline and residual have no own columns left in them; only rows where the columns are not zero count.
+        """
+        crossed, inner, right = 0.0, 0.0, 0.0
+        for basis, rest, known, part in zip(self.problem.bases, self.rest, self.columns, parts, strict=True):
+            if part is not None:
+                rows = np.flatnonzero(part.any(axis=1))
+                used = slice(rows[0], rows[-1] + 1) if rows.size else slice(0)
+                own, inside = part[used], basis[used].T @ part[used]
+                inner = inner + own.T @ own - inside.T @ inside
+                crossed, right = crossed + known[used].T @ own, right + own.T @ rest[used, 0]
         return inner - crossed.T @ self.inverse @ crossed, right
 
     def gain(self, parts, size=None):
@@ -48,47 +55,15 @@ class _Beside:
         return self.gain(parts, value[0] if shape.sized else None)[0]
 
 
-def _products(basis, rest, known, part):
-    """Products of the columns of a block, own columns projected out, with the baseline, themselves and the residual.
-
-    Baseline and residual have no own columns left in them; only rows where the columns are not zero count.
-    """
-    rows = np.flatnonzero(part.any(axis=1))
-    used = slice(rows[0], rows[-1] + 1) if rows.size else slice(0)
-    part, inside = part[used], basis[used].T @ part[used]
-    return known[used].T @ part, part.T @ part - inside.T @ inside, part.T @ rest[used, 0]
-
-
 def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem, int]:
     """Problem with a candidate in the shape of largest gain, and its index; as it was if it has none or is refined."""
     candidate = problem.candidates[index]
     if candidate.shape is None or candidate.shape.covariance is not None:
         return problem, index
-    beside = _beside(problem, baseline)
-    value = candidate.shape.value if _settled(candidate.shape) else _largest(candidate.shape, beside)
+    beside = _Beside(problem, baseline)
+    settled = len(candidate.shape.tried) == 1  # at the largest gain
+    value = candidate.shape.value if settled else _largest(candidate.shape, beside)
     found = (_with_spread if candidate.shape.sized else _with_errors)(candidate, value, beside)
-    return extended(problem, found), len(problem.candidates)
-
-
-def _beside(problem, baseline):
-    rest = residuals_of(problem, baseline, observed_rows(problem))
-    inverse = inverse_of_baseline(problem, baseline)
-    return _Beside(problem, rest, [c.of(baseline) for c in problem.columns], inverse)
-
-
-def _settled(shape):
-    """Whether the value is that of largest gain, so that there is nothing else to be tried."""
-    return shape.tried.shape[0] == 1
-
-
-def _at_largest(problem, baseline, index):
-    """Problem with a candidate whose size is its shape where it gains most, without its errors, and its index."""
-    candidate, beside = problem.candidates[index], _beside(problem, baseline)
-    value = _largest(candidate.shape, beside)
-    chosen = beside.inside(candidate.shape, value)
-    parts = candidate.shape.columns(value, *chosen)
-    settled = replace(candidate.shape, value=value, tried=value[None], chosen=next(iter(chosen), None))
-    found = replace(candidate, form=_form(candidate.shape, value), columns=parts, shape=settled)
     return extended(problem, found), len(problem.candidates)
 
 
@@ -102,13 +77,17 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
     shapes = {t.index: problem.candidates[t.index].shape for t in rows if t.index >= 0}
     found = [t for t in rows if t.index >= 0 and shapes[t.index] is not None and shapes[t.index].sized]
     best = max(found, key=lambda t: t.gain, default=None)
-    known = [t for t in found if _settled(shapes[t.index])]
+    known = [t for t in found if len(shapes[t.index].tried) == 1]
     if best is None or best.gain < SHARE * most or any(t.gain > best.gain - NEAR for t in known):
         return problem, rows
-    problem, index = _at_largest(problem, baseline, best.index)
-    gram = attribution.projected(problem.total, baseline)
-    ratio = attribution.ratio(gram, problem.places[index], problem.size)
-    numbers = {"gain": ratio.gain, "log_p": ratio.log_p, "form": problem.candidates[index].form}
+    candidate, beside, index = problem.candidates[best.index], _Beside(problem, baseline), len(problem.candidates)
+    value = _largest(candidate.shape, beside)
+    chosen = beside.inside(candidate.shape, value)
+    settled = replace(candidate.shape, value=value, tried=value[None], chosen=next(iter(chosen), None))
+    parts, form = settled.columns(value, *chosen), _form(settled, value)
+    problem = extended(problem, replace(candidate, form=form, columns=parts, shape=settled))
+    ratio = attribution.ratio(attribution.projected(problem.total, baseline), problem.places[index], problem.size)
+    numbers = {"gain": ratio.gain, "log_p": ratio.log_p, "form": form}
     return problem, [*(t for t in rows if t not in found), best._replace(index=index, **numbers)]
 
 

@@ -30,30 +30,20 @@ COST = 2.0
 
 
 class Trial(NamedTuple):
-    """One thing that was tried.
+    """One thing that was tried; channel, place and at of a line or step as of `scan.Scan`."""
 
-    Attributes
-    ----------
-    kind : key of SHARES
-    cause, form : names
-    index : of the candidate; -1 for a line or step that is none yet
-    gain, dof, log_p : of its likelihood ratio
-    significance : probability of as much by chance anywhere, corrected for everything that was tried
-    channel, place, at : of a line or step, see `scan.Scan`; at_sigma : spacing of the search over the square root of 12
-    """
-
-    kind: str
+    kind: str  #: key of SHARES
     cause: str
     form: str
-    index: int
-    gain: float
-    dof: int
-    log_p: float
-    significance: float
+    index: int  #: of the candidate; -1 for a line or step that is none yet
+    gain: float  #: of its likelihood ratio
+    dof: int  #: of that
+    log_p: float  #: of that
+    significance: float  #: probability of as much by chance anywhere, corrected for everything that was tried
     channel: str = ""
     place: int = -1
     at: float = np.nan
-    at_sigma: float = np.nan
+    at_sigma: float = np.nan  #: spacing of the search over the square root of 12
 
     @property
     def score(self) -> float:
@@ -74,8 +64,11 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
             dof += 0 if candidate.listed or fitted is None else fitted.value.size  # each constant is a parameter
             rows.append((kind, candidate.cause, candidate.form, k, gain, dof))
     log_p = chi2_tail.log_tail([row[4] for row in rows], [row[5] for row in rows], choice.freedom).tolist()
-    rows = [(*row, p) for row, p in zip(rows, log_p, strict=True)]
-    return _corrected(rows + _along(problem, baseline, choice))
+    rows = [(*row, p) for row, p in zip(rows, log_p, strict=True)] + _along(problem, baseline, choice)
+    count = collections.Counter(row[0] for row in rows)  # of a kind, which has its share of the level
+    times = {kind: np.log(number / SHARES[kind]) for kind, number in count.items()}
+    chance = np.minimum(1.0, np.exp([row[6] + times[row[0]] for row in rows])).tolist()
+    return [Trial(*row[:7], p, *row[7:]) for row, p in zip(rows, chance, strict=True)]
 
 
 #: Log of the probability, not corrected, below which a series in no list comes near, and how many do at once.
@@ -151,14 +144,6 @@ def _along(problem, baseline, choice):
     return rows
 
 
-def _corrected(rows):
-    """Trials, with probabilities corrected for the number of trials of a kind and its share of the level."""
-    count = collections.Counter(row[0] for row in rows)
-    times = {kind: np.log(number / SHARES[kind]) for kind, number in count.items()}
-    chance = np.minimum(1.0, np.exp([row[6] + times[row[0]] for row in rows])).tolist()
-    return [Trial(*row[:7], p, *row[7:]) for row, p in zip(rows, chance, strict=True)]
-
-
 def tuned(problem: Problem, baseline: np.ndarray, trial: Trial) -> tuple[float, float]:
     """Frequency of a line with its error, between the frequencies of the search: where the gain is largest."""
     rest = residuals_of(problem, baseline, observed_rows(problem))
@@ -178,11 +163,8 @@ def located(trial: Trial, rows: list[Trial]) -> tuple[float, float]:
     like = (trial.kind, trial.channel, trial.place, trial.dof)
     near = [r for r in rows if (r.kind, r.channel, r.place, r.dof) == like]
     near = [r for r in near if abs(r.at - trial.at) < 20 * np.sqrt(12) * trial.at_sigma] or [trial]
-    at = np.array([r.at for r in near])
-    weight = np.exp(np.array([r.gain - trial.gain for r in near]) / 2)
-    mean = float(weight @ at / weight.sum())
-    spread = float(np.sqrt(weight @ (at - mean) ** 2 / weight.sum()))
-    return mean, float(np.hypot(spread, trial.at_sigma))
+    at, gain = np.array([(r.at, r.gain) for r in near]).T
+    return attribution.likely(at, gain, np.sqrt(12) * trial.at_sigma)
 
 
 def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
