@@ -119,7 +119,7 @@ def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits
 def _choice(observed, limits):
     """Settings of the rounds in the observations."""
     fixed = {"quiet": observed.quiet, "order": observed.noise_order, "segment_s": limits.segment_s}
-    fixed |= {"periods": observed.periods, "excess": observed.excess}
+    fixed["periods"] = observed.periods
     return Choice(limits.level, limits.tie, limits.rounds, observed.step, observed.tones, **fixed)
 
 

@@ -50,9 +50,10 @@ class Event:
 def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dataset:
     """Product of what an event tells, of all listed causes with all their parameters, in every form.
 
-    `housekeeping` is MAS1B and AHK1B of the event, where they are at hand: causes may follow fuel and temperature.
+    `housekeeping` is MAS1B and AHK1B of the event, where they are at hand: causes may follow fuel and temperature. An
+    event whose tags are minutes off tells nothing.
     """
-    if observed is None:
+    if observed is None or observed.shifted:
         return xr.Dataset({"gram": (("column", "other"), np.zeros((0, 0)))}, attrs={"numbers": "{}"})
     every = [one for one in observed.candidates if one.listed and slug_of(one.cause) == one.cause]
     every = [replace(one, prior=_prior(one)) for one in every if not one.form.endswith("alone")]

@@ -260,7 +260,7 @@ class Observations(Protocol):
     circumstances : quantities of the event that a cause may follow from event to event, such as the angle of the Sun
     common : (p,) SI, error of the parameters that all events share and no data show
     shared : {slug: SI}, largest error of a cause of one parameter that all events share
-    excess : False where what is left is no noise that power could be looked for in, as of records of different times
+    shifted : True of records whose tags are minutes off against each other, of which nothing but that is said
     """
 
     name: str
@@ -287,7 +287,7 @@ class Observations(Protocol):
     circumstances: Mapping[str, float] = {}
     common: np.ndarray | float = 0.0
     shared: Mapping[str, float] = {}
-    excess: bool = True
+    shifted: bool = False
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form.

@@ -153,7 +153,7 @@ def turning(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 def late(aligned: xr.Dataset) -> dict[str, int]:
     """Whole seconds by which tags of accelerometer and star camera ("acc", "sca") are late against the torquers.
 
-    Only those that are far off, by more than `LATE_S`.
+    Only those that are far off, by more than `LATE_S`. Where both are alike it is those of the torquers ("mag").
     """
     time, made = turning(aligned)
     known = {name: one for name, one in made.items() if np.isfinite(one).any()}
@@ -165,7 +165,9 @@ def late(aligned: xr.Dataset) -> dict[str, int]:
     weight = ((frequency > BAND_HZ[0]) & (frequency < BAND_HZ[1]))[:, None]
     most = min(APART_S, time.size - 1)
     found = {name: timing.lag(spectra[name], spectra["mag"], most, NEAR_S, weight) for name in known if name != "mag"}
-    return {name: lag for name, lag in found.items() if abs(lag) > LATE_S}
+    far = {name: lag for name, lag in found.items() if abs(lag) > LATE_S}
+    alike = len(far) == 2 and abs(far["acc"] - far["sca"]) <= 1
+    return {"mag": -far["acc"]} if alike else far
 
 
 def _motion(smoothed, far, limits):
@@ -181,6 +183,6 @@ def _motion(smoothed, far, limits):
     rms = 1e6 * largest(known["residual_rms"])
     found.append(at_most("star camera against dynamics, rms", rms, limits["attitude_limit_urad"], "urad"))
     for name, said in (("acc", "accelerometer"), ("sca", "star camera")):
-        size = max(largest(np.abs(known[f"{name}_delay"])), abs(far.get(name, 0)))
+        size = max(largest(np.abs(known[f"{name}_delay"])), abs(far.get(name, far.get("mag", 0))))
         found.append(at_most(f"delay of the {said}", size, limits["delay_limit_s"], "s"))
     return found

@@ -21,25 +21,26 @@ from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, Reported
 from gravcal.physics.orbit_environment import sun_i
 
-#: Of tags that are minutes off: channel and cause of each instrument, error s, and what says that they were moved.
+#: Of tags that are minutes off: channel and cause of each instrument, and error s.
 FAR = {"acc": ("angular", "timing.accelerometer_delay"), "sca": ("attitude", "timing.star_camera_delay")}
-WHOLE_S, MOVED = 0.5, "tags_moved"
+FAR |= {"mag": ("magnetometer", "timing.magnetometer_delay")}
+WHOLE_S = 0.5
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
 
 
 def observe(products: Mapping[str, xr.Dataset], **settings) -> ComOffset | Late | None:
     """Observations of an event from "align", "field", "attitude" and "solve" with variant mtq.
 
-    None without manoeuvre and in records whose tags a model has moved by minutes.
+    None without manoeuvre.
 
     Settings are those of the stages attitude, noise and solve, with inertia, dipole_per_current and mass; for the
     blocks also linear_drift_degree and angular_drift_degree, and for `common` drag_sigma_m_s2 and period_s.
     """
     aligned = products["align"]
-    if not aligned.sizes["manoeuvre"] or MOVED in aligned.attrs:
+    if not aligned.sizes["manoeuvre"]:
         return None
     late = checks.late(aligned)
-    if late:  # nothing else is looked for beside what is not there
+    if late:  # the rest is looked for once they are moved
         return Late(aligned, late, settings["noise_order"])
     records = products["align"], products["field"], products["attitude"]
     offset, noise = manoeuvre.offset_of(products["solve"]), {}
@@ -199,14 +200,18 @@ class Late(Observations):
     parameters, unit = ComOffset.parameters, ComOffset.unit  # of the result, of which these rows know nothing
     scale, start = ComOffset.scale, np.zeros(3)
     step = responses.STEP
-    whole_manoeuvres = True
-    excess = False  # currents known twice a second foretell no edge to the noise of an accelerometer
+    whole_manoeuvres = shifted = True
     readable = ("none",)
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Instruments whose tags are off."""
-        return tuple(FAR[name][0] for name in self.late)
+        """Instruments whose tags are off against those of the torquers."""
+        return tuple(FAR[name][0] for name in self.lags)
+
+    @property
+    def lags(self) -> dict[str, int]:
+        """Lag s of each against the torquers."""
+        return dict.fromkeys(("acc", "sca"), -self.late["mag"]) if "mag" in self.late else self.late
 
     @functools.cached_property
     def rows(self) -> list[list[np.ndarray]]:
@@ -218,7 +223,7 @@ class Late(Observations):
         _, made = checks.turning(self.aligned)
         made = {name: one - np.nanmean(one, axis=0) for name, one in made.items()}
         found = [[] for _ in self.places]
-        for name, late in self.late.items():
+        for name, late in self.lags.items():
             then = np.roll(made["mag"], late, axis=0)
             near = np.concatenate([np.roll(then, step, axis=0) for step in (-1, 0, 1)], axis=1)
             for axis in range(3):
@@ -238,7 +243,7 @@ class Late(Observations):
     @property
     def places(self) -> list[np.ndarray]:
         """Seconds (n,) of each manoeuvre and of where the late tags have it, from the first window on."""
-        first, far = self.aligned["window_start"].values.min(), [0, *self.late.values()]
+        first, far = self.aligned["window_start"].values.min(), [0, *self.lags.values()]
         ends = self.aligned["start"].values + min(far) - first, self.aligned["stop"].values + max(far) - first
         most = int(self.aligned["window_stop"].values.max() - first)
         return [np.arange(max(int(start), 0), min(int(stop), most)) for start, stop in zip(*ends, strict=True)]
@@ -251,7 +256,7 @@ class Late(Observations):
             observed, nothing = np.concatenate(rows)[:, 0], np.zeros((len(rows) * place.size, 3))
             own = block_diag(*(one[:, 2:] for one in rows))
             channel = np.repeat(self.channels, 3 * place.size)
-            axis = np.tile(np.repeat([0, 1, 2], place.size), len(self.late))
+            axis = np.tile(np.repeat([0, 1, 2], place.size), len(self.lags))
             time = np.tile(first + place, len(rows))
             made.append(Block(f"manoeuvre {number}", observed, nothing, own, channel, axis, time))
         return made
@@ -261,13 +266,11 @@ class Late(Observations):
         """Late tags of each instrument."""
         made = []
         for name in self.late:
-            own = [slice(3 * k, 3 * k + 3) for k, one in enumerate(self.late) if one == name][0]
-            columns = []
-            for rows in self.rows:
-                column = [np.zeros(len(one)) for one in rows]
-                column[own] = [one[:, 1] for one in rows[own]]
-                columns.append(np.concatenate(column)[:, None])
-            made.append(listed(effect(FAR[name][1]), columns, prior=False))
+            sizes = [-1.0 if name == "mag" else float(name == one) for one in self.lags for _ in range(3)]
+            columns = [
+                np.concatenate([size * one[:, 1] for size, one in zip(sizes, rows, strict=True)]) for rows in self.rows
+            ]
+            made.append(listed(effect(FAR[name][1]), [column[:, None] for column in columns], prior=False))
         return made
 
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
@@ -279,7 +282,11 @@ class Late(Observations):
         """Aligned records with their tags moved back."""
         given = {one.cause: one.values["delay"] for one in model}
         tags = {f"time_{name}": self.aligned[f"time_{name}"] - given.get(FAR[name][1], 0.0) for name in self.late}
-        return self.aligned.assign(tags).assign_attrs({MOVED: "yes"})
+        moved = self.aligned.assign(tags)
+        if "mag" in self.late:  # by whose currents manoeuvres are known
+            own = ("start", "stop", "edge_lower", "edge_upper")
+            moved = moved.assign({name: moved[name] - given.get(FAR["mag"][1], 0.0) for name in own})
+        return moved
 
 
 def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:

@@ -247,6 +247,11 @@ class Ranging(records.Observations):
             return [replace(one, apart=True) for one in known if (one.cause, one.form) in self.far]
         return known + drivers(self.context, [half.time[0] for half in self.halves])
 
+    @property
+    def shifted(self) -> bool:
+        """Whether tags are minutes off."""
+        return bool(self.late.any())
+
     @functools.cached_property
     def far(self) -> dict[tuple[str, str], float]:
         """Delays s of tags that are minutes off, by cause and form."""

@@ -96,6 +96,11 @@ class Routine(Observations):
     unit, scale, start = "mm", np.zeros(0), np.zeros(0)
     step = "unknown:step"
 
+    @property
+    def shifted(self) -> bool:
+        """Whether tags are minutes off."""
+        return bool(late_columns(self.rows))
+
     @functools.cached_property
     def context(self) -> Context:
         """What the effects look at, at every reading."""
