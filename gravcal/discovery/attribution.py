@@ -155,7 +155,7 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
     """
     total, width = problem.total, scale.size
     inverse, gram, rows = inverse_of(total[np.ix_(baseline, baseline)]), projected(total, baseline), []
-    precision = np.linalg.inv(inverse[:width, :width])
+    precision = inverse_of(inverse[:width, :width])  # rows may say nothing of a parameter
     for candidate, place in zip(problem.candidates, problem.places, strict=True):
         if not candidate.listed or "alone" in candidate.form or candidate.local or not candidate.prior:
             continue

@@ -98,7 +98,7 @@ def test_simulation_writes_truth_beside_and_takes_measured_accelerations(tmp_pat
     np.testing.assert_allclose(series["drag"].values, [[-3e-8, 1e-9, 2e-9]] * 120)
     with pytest.raises(ProductError, match="no such file"):
         invented(tmp_path, field="absent.gfc")
-    with pytest.raises(ProductError, match="found 699 s of accelerations, expected 900 s"):
+    with pytest.raises(ProductError, match="found 699 s of accelerations; expected 900 s"):
         invented(tmp_path, nongravitational=str(path), duration_s="900")
     with pytest.raises(ProductError, match="expected an ACT1B or ACC1B file"):
         invented(tmp_path, nongravitational=str(path.rename(tmp_path / "MAG1B_2020-02-01_C_04.txt")))
