@@ -99,14 +99,6 @@ def test_an_event_gets_its_own_values_only():
             assert all(catalog.event(name).calibration == calibration for name in record.events)
 
 
-def test_rounding_is_half_the_last_printed_digit():
-    """Analytic: 107.2 is printed to 0.05, 0.1365 to 0.00005, 5.43e-4 to 5e-7."""
-    assert _one("com_offset", "combined", variant="mtq").rounding[0] == 0.05
-    bias = _one("kbr_phase_centre", "ls", satellite="grace-c", component="y", observable="range")
-    assert_allclose(bias.rounding, 5e-5, rtol=1e-12)
-    assert_allclose(_one("inertial_sensor", "scale_factors", factor="k_x").rounding[2], 5e-7, rtol=1e-12)
-
-
 def test_every_csv_file_has_a_citation_for_every_column():
     """Contract: each column is a label, a value, a sigma, the unit or the event of one cited table."""
     folder = resources.files("catalog") / "published"

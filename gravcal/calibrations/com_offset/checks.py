@@ -134,7 +134,10 @@ def turning(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """
     first = np.floor(aligned["window_start"].values.min())
     count, made = int(aligned["window_stop"].values.max() - first) + 2, {}
-    turned, time = aligned["quaternion"].values, aligned["time_sca"].values
+    known = {name: (aligned[f"time_{name}"].values, aligned[f"{name}_flag"].values == 0) for name in ("mag", "acc")}
+    good = (aligned["sca_flag"].values == 0) & np.isfinite(aligned["quaternion"].values).all(axis=1)
+    turned, time = aligned["quaternion"].values[good], aligned["time_sca"].values[good]
+    known["sca"] = time, np.ones(time.size, bool)
     steps = frames.rotation_vector(frames.quaternion_product(frames.conjugate(turned[:-1]), turned[1:]))
     camera, step = np.full((time.size, 3), np.nan), np.diff(time)
     if time.size > 2:
@@ -142,8 +145,9 @@ def turning(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         camera[1:-1][even] = (np.diff(steps, axis=0) / (step[1:] * step[:-1])[:, None])[even]
     torque = np.cross(aligned["current_b"].values, aligned["field_measured_b"].values)
     for name, values in (("mag", torque), ("acc", aligned["angular_b"].values), ("sca", camera)):
-        place = np.floor(aligned[f"time_{name}"].values - first + 0.5).astype(int)
-        good = (aligned[f"{name}_flag"].values == 0) & np.isfinite(values).all(axis=1) & (place >= 0) & (place < count)
+        at, usable = known[name]
+        place = np.floor(at - first + 0.5).astype(int)
+        good = usable & np.isfinite(values).all(axis=1) & (place >= 0) & (place < count)
         sums = np.stack([np.bincount(place[good], column, count) for column in values[good].T], axis=1)
         number = np.bincount(place[good], minlength=count)[:, None]
         made[name] = np.divide(sums, number, out=np.full_like(sums, np.nan), where=number > 0)
