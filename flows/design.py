@@ -4,7 +4,6 @@ Where manoeuvres share nothing but the result, what they tell adds, and their nu
 whole sessions are flown, and that with the least errors is chosen (`sessions`).
 """
 
-import functools
 import itertools
 import re
 import shutil
@@ -65,7 +64,7 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
             options = [place.at(period) for period in np.atleast_1d(limits["period_s"]).tolist()]
             found = [(*option.of_library(minutes or usual, causes), option) for option in options]
             _, plan, new, place = min(found, key=lambda one: one[0])
-            old = place.at(catalog.design(one.design).manoeuvres[0].period_s).published(causes)
+            old = place.published(causes)
         else:
             plan, new, old = place.best(minutes or usual, causes)
         document = {
@@ -116,6 +115,11 @@ def plan_text(calibration, plan, source):
     return toml.text({"calibration": calibration, "source": source, "manoeuvre": plan})
 
 
+def period_of(plan):
+    """Period s of the manoeuvres of a plan, tables or the name of a design."""
+    return catalog.design(plan).manoeuvres[0].period_s if isinstance(plan, str) else plan[0]["period_s"]
+
+
 class Place:
     """Where sessions are flown: a calibration, a folder, and what all flights share."""
 
@@ -128,11 +132,10 @@ class Place:
         about = self.folder, self.satellite, self.date, self.limits | {"period_s": period}, self.say, self.noise
         return Place(self.one, *about)
 
-    @functools.cached_property
-    def chosen(self):
-        """Settings of the calibration, which looks for the period of the limits, where it looks for one."""
+    def chosen(self, plan):
+        """Settings of the calibration, which looks for the period of a plan, where it looks for one."""
         usual = configurations.chosen(self.one.name, {})
-        return usual.with_settings({n: self.limits[n] for n in {"period_s"} & set(usual.entries) & set(self.limits)})
+        return usual.with_settings({"period_s": period_of(plan)} if "period_s" in usual.entries else {})
 
     def published(self, causes):
         """Errors and odds of the published session, flown with the orbits and times that a design is judged by."""
@@ -220,9 +223,9 @@ class Place:
         rows, apart = [], []
         for seed in seeds:
             source, truth = self.flight(f"flight-{seed}", plan, seed)
-            values = list(self.one.foretold(self.one.document(self.one.flow(source, self.chosen))))
+            values = list(self.one.foretold(self.one.document(self.one.flow(source, self.chosen(plan)))))
             if causes and len(apart) < FLIGHTS:
-                apart.append(design.apart(self.observed(source)[0], causes))
+                apart.append(design.apart(self.observed(source, plan)[0], causes))
             shutil.rmtree(self.folder / f"flight-{seed}")
             if not values:
                 refuse(f"flight {seed}", "no manoeuvre", "those of the plan", "Loosen a constraint.")
@@ -239,7 +242,7 @@ class Place:
     @property
     def tied(self):
         """Chi-square below which two causes are tied."""
-        return self.chosen.for_stage("discovery")["tie_chi2"]
+        return configurations.chosen(self.one.name, {}).for_stage("discovery")["tie_chi2"]
 
     def settings(self, label, plan, **more):
         """Settings of the simulation of a plan, tables or the name of a design."""
@@ -250,6 +253,7 @@ class Place:
         known = catalog.parameters(f"simulate_{self.one.name}").entries
         settings = {"satellite": self.satellite, "satellites": self.satellite, "quiet_s": self.limits.get("quiet_s")}
         settings |= {f"manoeuvre_{limit}": value for limit, value in self.limits.items()} | self.noise | more
+        settings["manoeuvre_period_s"] = period_of(plan)
         settings = {name: value for name, value in settings.items() if name in known and value is not None}
         return settings | {"design": str(named), "date": self.date}
 
@@ -260,18 +264,18 @@ class Place:
         truth = self.one.simulate(files_, seed=seed, settings=settings, effects=effects)
         return self.one.source(event=None, data=files_, satellite=self.satellite, date=self.date), truth
 
-    def observed(self, source):
-        """What discovery sees of a flight, and the products of the calibration."""
-        looked = self.one.discovery
-        products = looked.baseline(source, self.chosen)
+    def observed(self, source, plan):
+        """What discovery sees of a flight of a plan, and the products of the calibration."""
+        looked, chosen = self.one.discovery, self.chosen(plan)
+        products = looked.baseline(source, chosen)
         datasets = {name: read(ref) for name, ref in products.items()}
-        settings = looked.settings(source, self.chosen) | looked.chosen_for(self.chosen)[0]
+        settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
         return discovery.observations_of(datasets.values(), looked.observations, datasets, settings), datasets
 
     def flown(self, label, plan, seed, causes):
         """What each manoeuvre of a simulated flight tells, at whatever time of the day."""
         source, truth = self.flight(label, plan, seed, manoeuvre_windows="")
-        observed, datasets = self.observed(source)
+        observed, datasets = self.observed(source, plan)
         times = [(m["start"], m["stop"]) for m in truth["manoeuvres"]]
         return design.flown(
             observed, self.one.information(datasets), times, [m["item"] for m in truth["manoeuvres"]], causes
@@ -301,7 +305,7 @@ class Place:
             sizes = effect(slug).plausible(lambda: rng.choice([-1, 1]))
             acts = {f"{slug}.{name}": value for name, value in sizes.items()}
             source, _ = self.flight(f"search-{k}", plan, 201 + k, effects=acts)
-            findings = search.document(search.flow(source, self.chosen))["findings"]
+            findings = search.document(search.flow(source, self.chosen(plan)))["findings"]
             sets = [{one["cause"], *one["tied_with"]} for one in findings]
             for pair, row in rows.items():
                 if slug in pair:

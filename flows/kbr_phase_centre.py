@@ -26,7 +26,7 @@ ORBIT = ("GNI1B", "GNV1B")
 LIMITS = {
     "angle_deg": (3.0, "largest angle from the line of sight, offset and amplitude together; as printed"),
     "rate_deg_s": (0.043, "largest rate; GRACE's 1.7 deg in 250 s"),
-    "period_s": (250.0, "of the wiggle; detection looks for this one"),
+    "period_s": ([250.0], "periods of the wiggle to choose from; detection looks for that of the session"),
     "quiet_s": (6600.0, "shortest time between the end of a piece and the next"),
     "windows": ("", "times of the day in which pieces may be, such as '02:10-04:00, 05:40-07:15'; empty: all"),
     "parameters": ([], "values that are to be best known, such as 'C x'; none: all"),

@@ -1,5 +1,6 @@
 """A simulated ranging calibration: wiggles of two satellites that look at each other, and the truth."""
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
@@ -126,9 +127,9 @@ def sessions(limits: Mapping, seconds: float) -> list[list[dict]]:
 
     limits : angle_deg, rate_deg_s, period_s as of `gravcal design --constraints`; seconds : of all four
     """
-    plans, period = [], float(limits["period_s"])
-    fixed = {"duration_s": period * max(int(seconds / 4 / period), 3), "period_s": period}
-    for share in np.arange(6) / 6:
+    plans = []
+    for period, share in itertools.product(np.atleast_1d(limits["period_s"]).tolist(), np.arange(6) / 6):
+        fixed = {"duration_s": period * max(int(seconds / 4 / period), 3), "period_s": period}
         offset = round(float(share * limits["angle_deg"]), 3)
         amplitude = round(min(limits["angle_deg"] - offset, limits["rate_deg_s"] * period / (2 * np.pi)), 3)
         kinds = {"+pitch": 1, "-pitch": -1, "+yaw": 1, "-yaw": -1} if offset else {"pitch": 1, "yaw": 1}

@@ -171,6 +171,10 @@ def test_a_wiggle_turns_as_its_plan_says_and_within_the_limits(tmp_path):
     limits = flow.constraints("kbr_phase_centre") | {"angle_deg": 2.4}
     plans = kbr_phase_centre.sessions(limits, 4 * 1000.0)
     chosen = catalog.parameters("simulate_kbr_phase_centre")
+    short = kbr_phase_centre.sessions(limits | {"period_s": [150.0, 250.0]}, 4 * 1000.0)
+    assert [flow.period_of(plan) for plan in short] == [150.0] * 6 + [250.0] * 6
+    place = flow.Place(calibration.load("kbr_phase_centre"), None, "CD", "", limits, print)
+    assert place.chosen(short[0]).period_s == 150.0
     for plan in (plans[0], plans[2]):
         path = tmp_path / "plan.toml"
         path.write_text(flow.plan_text("kbr_phase_centre", plan, "a test"))
