@@ -1,5 +1,6 @@
 """Attitude thrusters: recovery of gain and delay, physics of an impulse, and firings of another satellite."""
 
+import json
 from pathlib import Path
 
 import commands
@@ -95,8 +96,11 @@ def test_firings_at_other_times_are_questionable(tmp_path):
     assert "Not determined: no SCA1A" in page
 
 
-def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path):
-    """Recovery: two days with 2.5 times the nominal roll impulse, tags late by 2 s on the second alone."""
+def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path, store_folder):
+    """Recovery: two days with 2.5 times the nominal roll impulse, tags late by 2 s on the second; a third is added.
+
+    Of the first two days nothing is made again.
+    """
     fixed, share = {"duration_s": 21600, "gain_scatter": 0, "delay_scatter_s": 0}, {FIRINGS: 1.5}
     seed = seeds.seed("thrusters of two days", 1e-4)
     for day, late in (("2014-01-11", {}), ("2014-01-12", {f"{LATE}.delay": 2.0})):
@@ -117,6 +121,11 @@ def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path):
             for own in values:
                 assert own["share_x"]["value"] == pytest.approx(2.5, abs=5 * own["share_x"]["sigma"])
     assert "does not repeat" in next(path for path in files if path.suffix == ".html").read_text()
+    before = set(store_folder.glob("objects/*/*/meta.json"))
+    CALIBRATION.simulate(tmp_path / "2014-01-13", seed=seed, effects=share, settings=fixed | {"date": "2014-01-13"})
+    joint.joint("thrusters", None, [*folders, tmp_path / "2014-01-13"], CHOSEN, workers=0)
+    made = [json.loads(path.read_text())["recipe"] for path in set(store_folder.glob("objects/*/*/meta.json")) - before]
+    assert {one["kind"] for one in made if "2014-01-13" not in one["event"]} == {"thrusters.joint"}
 
 
 @pytest.mark.parametrize("late", [137.0, -137.0])
