@@ -172,6 +172,8 @@ CLEARLY = 2.0
 def lag(read, foretold, longest: int, near: int, weight=1.0, *, either: bool = False) -> int:
     """Steps by which series lag behind what makes them, the lag of largest gain in chi-square; 0 where none stands out.
 
+    None does where all lags are near the best.
+
     Parameters
     ----------
     read, foretold : (n + 1, k) spectra of series on one even grid of n steps, of n zeros behind them
@@ -185,4 +187,5 @@ def lag(read, foretold, longest: int, near: int, weight=1.0, *, either: bool = F
     gain = (by_lag**2 / np.maximum(power, 1e-300)).sum(axis=1)
     tried = np.arange(-longest, longest + 1)
     best = int(tried[np.argmax(gain[tried])])
-    return best if gain[best] > CLEARLY * np.max(gain[tried[np.abs(tried - best) > near]], initial=0.0) else 0
+    others = gain[tried[np.abs(tried - best) > near]]
+    return best if gain[best] > CLEARLY * np.max(others, initial=0.0) and others.size else 0

@@ -157,8 +157,11 @@ def turning(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
 def late(aligned: xr.Dataset) -> dict[str, int]:
     """Whole seconds by which tags of accelerometer and star camera ("acc", "sca") are late against the torquers.
 
-    Only those that are far off, by more than `LATE_S`. Where both are alike it is those of the torquers ("mag").
+    Only those that are far off, by more than `LATE_S`, in records with a manoeuvre, which a lag shows in. Where both
+    are alike it is those of the torquers ("mag").
     """
+    if not aligned.sizes["manoeuvre"]:
+        return {}
     time, made = turning(aligned)
     known = {name: one for name, one in made.items() if np.isfinite(one).any()}
     if "mag" not in known:
