@@ -121,7 +121,8 @@ def _magnetometer(found):
     for key in RUNS[2:4]:
         own = _named(found, key, "magnetometer.current_leak")
         other = "not named" if key in found else MISSING
-        yield f"GRACE-{key[2]}: leak of the torquers", ", ".join(f"{k} {v}" for k, v in own.items()) or other, "a leak"
+        yield f"GRACE-{key[2]}: leak of the torquers", "" if own else other, "a leak"
+        yield from ((f"  {name}", value, "") for name, value in own.items())
 
 
 def of_table():

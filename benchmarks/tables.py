@@ -82,8 +82,10 @@ def numbers(values, form: str = ".3g") -> str:
 
 
 def summary(figures: list[Figure]) -> None:
-    """How many targets were met, and which were not."""
+    """How many targets were met, and which were not; nothing where no figure has a target."""
     judged = [f for f in figures if f.met is not None]
+    if not judged:
+        return
     missed = [f for f in judged if not f.met]
     title(f"{len(judged) - len(missed)} of {len(judged)} targets met")
     for figure in missed:
