@@ -193,18 +193,11 @@ def test_signs_are_as_stated(slug):
     assert_allclose(entry.contribution(scene, entry.values(given))[0], expected, rtol=1e-12, atol=1e-22)
 
 
-def test_a_lag_takes_from_each_step_its_exponential():
-    """Analytic: first-order lag of one step, sampled finely: -step exp(-t / tau) after it, nothing before."""
-    time = np.arange(0, 3, 0.01)
-    dipole = np.where(time[:, None] >= 1.0, [27.5, 0, 0], 0.0)
-    found = effect("torque.dipole_lag").contribution(Context(time=time, dipole_b=dipole), [0.2])
-    after = time >= 1.0
-    assert_allclose(found[~after], 0.0, atol=1e-12)
-    assert_allclose(found[after, 0], -27.5 * np.exp(-(time[after] - 1.0) / 0.2), rtol=1e-9)
+def test_a_tone_a_step_a_lag_and_a_late_tag_are_what_they_say():
+    """Analytic: sine from the first epoch on; step from its time on; late everywhere the same; a drift grows.
 
-
-def test_a_tone_a_step_and_a_late_tag_are_what_they_say():
-    """Analytic: sine from the first epoch on; step from its time on; late everywhere the same; a drift grows."""
+    First-order lag of one step, sampled finely: -step exp(-t / tau) after it, nothing before.
+    """
     scene = context()
     for slug in ("timing.accelerometer_delay", "timing.star_camera_delay", "timing.magnetometer_delay"):
         assert_allclose(effect(slug).contribution(scene, [0.3]), 0.3)
@@ -215,6 +208,12 @@ def test_a_tone_a_step_and_a_late_tag_are_what_they_say():
     assert_allclose(tone, np.sin(0.2 * np.pi * elapsed + 0.5)[:, None] * [1e-10, 0, 2e-10], atol=1e-24)
     step = effect("accelerometer.bias_step").contribution(scene, [1e-9, 0, 0, scene.time[10]])
     assert_allclose(step[:, 0], np.where(np.arange(COUNT) >= 10, 1e-9, 0))
+    time = np.arange(0, 3, 0.01)
+    dipole = np.where(time[:, None] >= 1.0, [27.5, 0, 0], 0.0)
+    found = effect("torque.dipole_lag").contribution(Context(time=time, dipole_b=dipole), [0.2])
+    after = time >= 1.0
+    assert_allclose(found[~after], 0.0, atol=1e-12)
+    assert_allclose(found[after, 0], -27.5 * np.exp(-(time[after] - 1.0) / 0.2), rtol=1e-9)
 
 
 BY_SLUG = {entry.slug: entry for entry in EFFECTS}
@@ -275,7 +274,10 @@ def pushed(mass, preload):
 
 
 def test_the_electrodes_give_the_printed_nominal_factors_and_combinations():
-    """Published: 10.3390/rs15153817, Table 4, nominal, with V_P and M of erratum T-4, within its 0.5 %; Table 3."""
+    """Published: 10.3390/rs15153817, Table 4, nominal, with V_P and M of erratum T-4, within its 0.5 %; Table 3.
+
+    beta_x 4.42e-3 gives k_z 1.14e-4 with 10.45 mm and 1.49e-4 with 8.00 mm (erratum T-5).
+    """
     matrix = pushed(0.0698, 34.15)
     found = np.abs(matrix).max(axis=1) / np.abs(electrodes.READOUT).max(axis=1)
     printed = {r.labels["factor"]: r.value[0] for r in catalog.published("inertial_sensor")["scale_factors"]}
@@ -286,9 +288,5 @@ def test_the_electrodes_give_the_printed_nominal_factors_and_combinations():
     assert_allclose(electrodes.READOUT, np.array(printed, dtype=float), atol=0)
     ratio = electrodes.linear_over_angular(0.0698, INERTIA, ARM)
     assert_allclose(found[[2, 0, 0]], ratio * found[3:], rtol=1e-12)  # k_z by beta_x, k_x by beta_y and beta_z
-
-
-def test_the_calibrated_ratio_follows_the_longer_arm():
-    """Published: beta_x 4.42e-3 gives k_z 1.14e-4 with 10.45 mm and 1.49e-4 with 8.00 mm (erratum T-5)."""
     both = [4.42e-3 * electrodes.linear_over_angular(0.072, INERTIA, [arm, 1, 1])[0] for arm in (10.45e-3, 8.00e-3)]
     assert_allclose(both, [1.14e-4, 1.49e-4], atol=0.5e-6)  # last printed digit

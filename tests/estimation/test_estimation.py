@@ -139,18 +139,17 @@ def test_a_direction_without_information_has_infinite_variance():
         assert_allclose(inverse(A.T @ A), np.linalg.inv(A.T @ A), rtol=1e-6)
 
 
-def test_a_block_that_says_nothing_of_a_component_joins_without_harm():
-    """Analytic: a singular block adds what it knows, and takes part in the degrees of freedom by its rank."""
+def test_what_a_block_does_not_tell_harms_no_other_component():
+    """Analytic: a singular block adds what it knows, and takes part in the degrees of freedom by its rank.
+
+    x known to 3 mm only: a noisy Z'A that cancels its prior of 1 mm does not reach y and z.
+    """
     full, part = np.diag([2.0, 3.0, 4.0]), np.diag([5.0, 0.0, 0.0])
     scores = [Score(full @ [1.0, 2.0, 3.0], full, full), Score(part @ [2.0, 9.0, 9.0], part, part)]
     joined = least_squares.combine(scores, [np.zeros((0, 3))] * 2, [np.zeros((0, 3))] * 2)
     assert_allclose(joined.value, [12 / 7, 2.0, 3.0])
     assert joined.dof == 1
     assert joined.chi2 == pytest.approx(1.0 / (1 / 2 + 1 / 5))
-
-
-def test_a_noisy_direction_without_information_leaves_the_others_alone():
-    """Analytic: x known to 3 mm only; a noisy Z'A that cancels its prior of 1 mm does not reach y and z."""
     information = np.diag([1e5, 4e12, 1e11])
     normal = information.copy()
     normal[0, 0] = -1e6 + 10.0  # nearly minus the prior

@@ -52,19 +52,29 @@ def true_model(step=0.5):
     return NoiseModel(np.array(reflection), np.array(variance), step)
 
 
-def test_prediction_rows_solve_the_normal_equations_of_their_order():
-    """Analytic: row k of the coefficients is the Yule-Walker solution of order k."""
+def test_prediction_rows_and_density_are_those_of_the_process():
+    """Analytic: row k of the coefficients is the Yule-Walker solution of order k.
+
+    One-sided density from the autocovariance by direct summation; its integral is the variance.
+    """
     c, rows = autocovariance(AR.size + 1), true_model().coefficients
     for k in range(1, AR.size + 1):
         assert_allclose(rows[k, :k], np.linalg.solve(linalg.toeplitz(c[:k]), c[1 : k + 1]), rtol=1e-9)  # of solve
         assert_allclose(rows[k, k:], 0.0)
     assert_allclose(rows[-1], AR, rtol=1e-9)
+    model, c = true_model(0.5), autocovariance(400)
+    frequency = np.array([0.0, 0.01, 0.2, 0.77, 1.0])
+    lags = np.arange(1, 400)
+    direct = 2 * 0.5 * (c[0] + 2 * np.cos(2 * np.pi * np.outer(frequency, lags) * 0.5) @ c[1:])
+    assert_allclose(model.density(frequency), direct, rtol=1e-6)  # lags cut at 400
+    grid = (np.arange(20000) + 0.5) / 20000
+    assert_allclose(np.mean(model.density(grid)), c[0], rtol=1e-6)
 
 
-def test_every_run_of_valid_samples_is_whitened_by_itself():
+def test_every_run_of_valid_samples_is_whitened_by_itself_and_comes_back():
     """Analytic: from the first sample of a run on it is L^-1 x with L L^T the dense Toeplitz covariance.
 
-    Rows that are not valid come back as zero, whatever they hold.
+    Rows that are not valid come back as zero, whatever they hold; a round trip with one sample alone between gaps.
     """
     valid = np.ones(80, dtype=bool)
     valid[[0, 20, 21, 22, 50, 79]] = False
@@ -76,17 +86,14 @@ def test_every_run_of_valid_samples_is_whitened_by_itself():
         block = found[begin:end, begin:end]
         assert_allclose(block @ dense[begin:end, begin:end] @ block.T, np.eye(end - begin), atol=1e-8)
         assert_allclose(np.delete(found[begin:end], np.arange(begin, end), axis=1)[:, valid[:1].size :], 0, atol=1e-12)
-
-
-def test_density_is_that_of_the_process():
-    """Analytic: one-sided density from the autocovariance by direct summation; its integral is the variance."""
-    model, c = true_model(0.5), autocovariance(400)
-    frequency = np.array([0.0, 0.01, 0.2, 0.77, 1.0])
-    lags = np.arange(1, 400)
-    direct = 2 * 0.5 * (c[0] + 2 * np.cos(2 * np.pi * np.outer(frequency, lags) * 0.5) @ c[1:])
-    assert_allclose(model.density(frequency), direct, rtol=1e-6)  # lags cut at 400
-    grid = (np.arange(20000) + 0.5) / 20000
-    assert_allclose(np.mean(model.density(grid)), c[0], rtol=1e-6)
+    noise = NoiseModel(np.array([0.7, -0.3, 0.2]), np.array([1.0, 0.5, 0.45, 0.43]), 1.0)
+    columns = np.cumsum(np.random.default_rng(3).standard_normal((60, 2)), axis=0)
+    valid = np.ones(60, dtype=bool)
+    valid[[10, 12, 13]] = False
+    back = unwhiten(noise, whiten(noise, columns, valid), valid)
+    assert_allclose(back[valid], columns[valid], atol=1e-12)  # rounding
+    assert np.isnan(back[~valid]).all()
+    assert_allclose(unwhiten(noise, whiten(noise, columns[:, 0], valid), valid), back[:, 0])
 
 
 def test_burgs_fit_finds_the_process_in_pieces():
@@ -109,17 +116,16 @@ def test_pieces_are_not_joined_over_their_ends():
     assert_allclose(one.variance, other.variance, rtol=1e-12)
 
 
-def test_removed_parameters_raise_the_variance():
-    """Recovery: with a straight line taken from each of 1000 pieces of 20 the variance is that of the noise."""
+def test_removed_parameters_raise_the_variance_and_the_order_yields_to_short_data():
+    """Recovery: with a straight line taken from each of 1000 pieces of 20 the variance is that of the noise.
+
+    The order is at most a tenth of the samples, every reflection coefficient below one in magnitude.
+    """
     rng = seeds.generator("test_removed_parameters_raise_the_variance", 1e-6)
     basis = np.linalg.qr(np.stack([np.ones(20), np.arange(20.0) - 9.5], axis=1))[0]
     pieces = [x - basis @ (basis.T @ x) for x in rng.standard_normal((1000, 20))]
     model = fit_noise(pieces, 0, 1.0, removed=2000)
     assert model.variance[0] == pytest.approx(1.0, abs=5 * np.sqrt(2 / (1000 * 18)))  # half of what was taken
-
-
-def test_the_order_yields_to_short_data_and_stays_stable():
-    """Contract: order at most a tenth of the samples; every reflection coefficient below one in magnitude."""
     rng = np.random.default_rng(5)
     assert fit_noise([rng.standard_normal(45)], 20, 1.0).reflection.size == 4
     sine = np.sin(np.arange(400) / 7) + 1e-6 * rng.standard_normal(400)
@@ -140,18 +146,6 @@ def test_coloured_noise_has_the_density_asked_for():
         band = (frequency >= low) & (frequency < high)
         ratio = np.mean(power[band] / density(frequency[band]))
         assert ratio == pytest.approx(1.0, abs=5 / np.sqrt(100 * band.sum()) * 1.3 + 0.01)  # Hann, leakage
-
-
-def test_whitened_rows_give_their_columns_back():
-    """Analytic: round trip with two gaps, one sample alone between them; missing samples are NaN."""
-    noise = NoiseModel(np.array([0.7, -0.3, 0.2]), np.array([1.0, 0.5, 0.45, 0.43]), 1.0)
-    columns = np.cumsum(np.random.default_rng(3).standard_normal((60, 2)), axis=0)
-    valid = np.ones(60, dtype=bool)
-    valid[[10, 12, 13]] = False
-    back = unwhiten(noise, whiten(noise, columns, valid), valid)
-    assert_allclose(back[valid], columns[valid], atol=1e-12)  # rounding
-    assert np.isnan(back[~valid]).all()
-    assert_allclose(unwhiten(noise, whiten(noise, columns[:, 0], valid), valid), back[:, 0])
 
 
 def test_a_spectrum_of_short_pieces_is_that_of_steep_noise():
@@ -263,8 +257,12 @@ def test_a_spectrum_comes_back_from_its_autocovariance_and_from_drawn_noise():
     assert_allclose(np.mean(drawn**2), expected, rtol=0.05)
 
 
-def test_what_a_fit_takes_is_put_back():
-    """Recovery: slow power of red noise after a cubic fit of 90 samples, short by 20 % in the plain fit."""
+def test_what_a_fit_takes_is_put_back_and_what_may_be_there_is_no_noise():
+    """Recovery: slow power of red noise after a cubic fit of 90 samples, short by 20 % in the plain fit.
+
+    Slow waves a thousand times the noise in one run with a gap: the spectrum below them as without. A fit that takes
+    nothing gives the plain model, whatever noise was simulated.
+    """
     rng = np.random.default_rng(7)
     cleaned = lambda segment, _: without(polynomial(np.arange(90.0), 3, 0, 89), segment)  # noqa: E731
     segments = [np.stack([draw(RED, 90, rng) for _ in range(3)], axis=1) for _ in range(60)]
@@ -272,10 +270,6 @@ def test_what_a_fit_takes_is_put_back():
     slow = np.linspace(0.002, 0.02, 10)
     ratio = np.mean([m.density(slow) / RED.density(slow) for m in models])
     assert 0.85 < ratio < 1.15
-
-
-def test_what_may_be_there_is_no_noise():
-    """Recovery: slow waves a thousand times the noise in one run with a gap; the spectrum below them as without."""
     rng = np.random.default_rng(9)
     noise = np.stack([draw(RED, 1500, rng) for _ in range(3)], axis=1)
     noise[700:720] = np.nan
@@ -288,10 +282,6 @@ def test_what_may_be_there_is_no_noise():
     slow = np.linspace(0.001, 0.02, 10)
     ratio = np.mean([m.density(slow) / RED.density(slow) for m in found])
     assert 0.75 < ratio < 1.3
-
-
-def test_simulated_noise_leaves_no_ripple_of_its_own():
-    """Analytic: a fit that takes nothing gives the plain model, whatever noise was simulated."""
     segments = [np.random.default_rng(k).standard_normal((320, 2)) for k in range(5)]
     frequency = np.linspace(0.01, 0.49, 30)
     for axis, model in enumerate(fit_detrended(segments, lambda segment, _: segment, 6, 1.0)):

@@ -19,8 +19,11 @@ def everywhere(time):
     return np.ones(time.size, dtype=bool)
 
 
-def test_a_constant_passes_unchanged():
-    """Analytic: weights sum to one at every output, also with jittered input; what no output uses may be missing."""
+def test_a_constant_passes_unchanged_and_the_operator_is_a_matrix():
+    """Analytic: weights sum to one at every output, also with jittered input; what no output uses may be missing.
+
+    Columns together, one by one, and combined linearly give the same numbers.
+    """
     time = jittered(np.random.default_rng(1))
     good = (time > 0.4) & (time < 39.2)
     operator = lowpass_resampler(time, good, np.arange(2.5, 37.0, 0.37), **LOWPASS)
@@ -28,10 +31,6 @@ def test_a_constant_passes_unchanged():
     for width in (1, 3, 20):
         columns = np.where(good[:, None], np.full((1, width), -1.3e-6), np.nan)
         assert_allclose(operator(columns), -1.3e-6, rtol=1e-13)  # rounding
-
-
-def test_the_operator_is_a_matrix():
-    """Analytic: columns together, one by one, and combined linearly give the same numbers."""
     rng = np.random.default_rng(2)
     time = jittered(rng)
     operator = lowpass_resampler(time, everywhere(time), np.arange(3.0, 36.0, 0.5), **LOWPASS)
@@ -75,8 +74,8 @@ def test_a_gap_marks_every_output_whose_support_it_touches():
     assert_allclose(cut(wave[kept])[cut.valid], full(wave)[cut.valid], atol=5e-3)  # a sample of weight 1e-3 is missing
 
 
-def test_a_flagged_sample_spoils_the_outputs_that_use_it_and_no_other():
-    """Contract: flags are honoured within the support, and a flagged value never reaches a valid output."""
+def test_flagged_samples_and_the_ends_spoil_the_outputs_that_use_them_and_no_other():
+    """Contract: a flagged value never reaches a valid output; of a record shorter than the support none is valid."""
     time = np.arange(600) * 0.1
     good = everywhere(time)
     good[300] = False
@@ -86,10 +85,6 @@ def test_a_flagged_sample_spoils_the_outputs_that_use_it_and_no_other():
     near = np.abs(operator.time - time[300]) <= 2.0
     assert_allclose(operator.valid, ~near)
     assert_allclose(operator(spoiled)[operator.valid], operator(values)[operator.valid], rtol=0, atol=0)
-
-
-def test_the_ends_of_the_data_are_not_valid():
-    """Contract: an output whose support leaves the data is not valid, none of a record shorter than the support."""
     time = 100 + np.arange(300) * 0.1
     operator = lowpass_resampler(time, everywhere(time), np.arange(95.0, 135.0, 0.5), **LOWPASS)
     assert not operator.valid[(operator.time < 101.8) | (operator.time > 128.1)].any()

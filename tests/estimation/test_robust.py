@@ -6,13 +6,6 @@ from numpy.testing import assert_allclose
 from gravcal.estimation import robust
 
 
-def test_weights_are_one_then_fall_to_nothing():
-    """Analytic: the three branches of IGG-III at their bounds and at a point between."""
-    v = np.array([0.0, 1.5, 2.0, -3.0, 4.0])
-    expected = [1, 1, 1.5 / 2 * (1 / 1.5) ** 2, 0, 0]
-    assert_allclose(robust.igg3_weights(v, 1.5, 3.0), expected, rtol=1e-15)
-
-
 def estimates(rng, draw, runs=400, constants=(1.5, 3.0)):
     """Errors over honest and over formal sigma of a straight line."""
     design = np.column_stack([np.ones(200), np.linspace(-1, 1, 200)])
@@ -35,7 +28,10 @@ def test_the_error_is_that_of_the_scatter():
 
 
 def test_gross_errors_lose_their_weight():
-    """Analytic: 2 % of samples off by 100 sigma leave no trace beyond the noise; without noise nothing is divided."""
+    """Analytic: 2 % of samples off by 100 sigma leave no trace beyond the noise; without noise nothing is divided.
+
+    The three branches of IGG-III at their bounds and at a point between.
+    """
     rng = np.random.default_rng(3)
     design = np.column_stack([np.ones(1000), np.linspace(-1, 1, 1000)])
     y = design @ [1.0, 2.0] + 1e-3 * rng.standard_normal(1000)
@@ -44,3 +40,6 @@ def test_gross_errors_lose_their_weight():
     assert_allclose(found.value, [1.0, 2.0], atol=4e-4)  # ten sigma of 1e-3 / sqrt(1000)
     assert np.all(found.weight[::50] == 0)
     assert_allclose(robust.solve(design @ [1.0, 2.0], design, (1.5, 3.0), 2).value, [1.0, 2.0], rtol=1e-12)
+    v = np.array([0.0, 1.5, 2.0, -3.0, 4.0])
+    expected = [1, 1, 1.5 / 2 * (1 / 1.5) ** 2, 0, 0]
+    assert_allclose(robust.igg3_weights(v, 1.5, 3.0), expected, rtol=1e-15)

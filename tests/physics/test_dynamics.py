@@ -35,14 +35,11 @@ def test_gradient_torque_equals_the_sum_over_mass_points():
     assert_allclose(torque, brute, rtol=1e-5, atol=np.abs(brute).max() * 1e-6)  # next order of the expansion
 
 
-def test_eulers_equation_has_the_gyroscopic_term_with_minus():
-    """Analytic: J = diag(1, 2, 4), w = (1, 1, 0): w x J w = (0, 0, 1), so w' = (0, 0, -1/4) without torque."""
-    rate_dot = dynamics.rate_derivative(np.diag([1.0, 2, 4]), [1.0, 1, 0], np.zeros(3))
-    assert_allclose(rate_dot, [0, 0, -0.25], atol=1e-16)  # rounding
-
-
 def test_a_free_symmetric_top_precesses_at_the_known_rate():
-    """Analytic: w_x + i w_y turns at (Jz - Jx)/Jx w_z; angular momentum and energy stay."""
+    """Analytic: w_x + i w_y turns at (Jz - Jx)/Jx w_z; angular momentum and energy stay.
+
+    J = diag(1, 2, 4), w = (1, 1, 0): w x J w = (0, 0, 1), so w' = (0, 0, -1/4) without torque.
+    """
     J, w0 = np.diag([100.0, 100, 150]), np.array([0.01, 0, 0.05])
     at = np.linspace(0, 600, 61)
     quaternion, rate, _ = dynamics.integrate(at, dynamics.State(0.0, np.array([1.0, 0, 0, 0]), w0), quiet(J))
@@ -51,6 +48,8 @@ def test_a_free_symmetric_top_precesses_at_the_known_rate():
     assert_allclose(rate, expected, atol=1e-14)  # rounding of 600 steps
     momentum_i = np.matvec(np.swapaxes(frames.R_bi_from_quaternion(quaternion), -1, -2), rate @ J)
     assert_allclose(momentum_i, np.tile(J @ w0, (61, 1)), atol=1e-12)  # rounding
+    rate_dot = dynamics.rate_derivative(np.diag([1.0, 2, 4]), [1.0, 1, 0], np.zeros(3))
+    assert_allclose(rate_dot, [0, 0, -0.25], atol=1e-16)  # rounding
 
 
 def test_the_kernel_agrees_with_scipy_stopped_at_the_edges():
@@ -113,18 +112,14 @@ def test_on_an_edge_the_acceleration_is_the_one_after_it():
     assert_allclose(rate[-1, 2], 0, atol=1e-12)  # five seconds each way
 
 
-def test_the_dense_output_does_not_depend_on_the_other_epochs():
-    """Analytic: an epoch asked for alone and among many; 1e-13 rad."""
+def test_neither_other_epochs_nor_large_time_tags_cost_accuracy():
+    """Analytic: an epoch alone and among many, 1e-13 rad; the same manoeuvre at 0 and at 2^29 s (1e-7 s a double)."""
     state, torque, _ = physics_references.manoeuvre()
     many = np.arange(0, 60, 0.1) + 0.0371
     among, _, _ = dynamics.integrate(many, state, torque)
     for i in (0, 333, 599):
         alone, _, _ = dynamics.integrate(many[i : i + 1], state, torque, max_step=0.1)
         assert_allclose(frames.attitude_error(alone, among[i : i + 1]), 0, atol=1e-13)
-
-
-def test_large_time_tags_cost_no_accuracy():
-    """Analytic: the same manoeuvre at 0 and at 2^29 s, where a double resolves 1e-7 s; no time is added up."""
     near, far = (physics_references.manoeuvre(start, phase=1.25) for start in (0.0, 2.0**29))
     results = [dynamics.integrate(at, state, torque) for state, torque, at in (near, far)]
     assert_allclose(frames.attitude_error(results[0][0], results[1][0]), 0, atol=1e-14)

@@ -99,18 +99,25 @@ def test_the_trace_vanishes_though_every_element_has_its_own_series(degree):
     assert_allclose(gradient, np.swapaxes(gradient, 1, 2))
 
 
-def test_the_highest_degree_stays_finite_at_the_pole():
-    """Analytic: at LIMIT the recursion must not overflow; at the pole only orders up to 2 contribute."""
+def test_the_highest_degree_stays_finite_at_the_pole_and_what_is_beyond_is_refused():
+    """Analytic: at LIMIT only orders up to 2 contribute at the pole; kilometres and higher degrees are refused."""
     field = physics_references.random_field(gravity.LIMIT)
     position = np.array([0.0, 0.0, 6.87e6])
     low = gravity.Field(GM, R, field.cosine * (np.arange(601) < 3), field.sine * (np.arange(601) < 3))
     found = gravity.gradient_e(field, position)
     assert np.isfinite(gravity.gradient_e(field, np.array(list(PLACES.values())))).all()
     assert_allclose(found, gravity.gradient_e(low, position), rtol=0, atol=1e-20)
+    with pytest.raises(GravcalError, match="positions in metres"):
+        gravity.gradient_e(physics_references.random_field(3), [6870.0, 0, 0])
+    with pytest.raises(GravcalError, match="metres"):
+        gravity.gradient_i([7000.0, 0, 0])
+    zeros = np.zeros((gravity.LIMIT + 2, gravity.LIMIT + 2))
+    with pytest.raises(GravcalError, match="truncated"):
+        gravity.gradient_e(gravity.Field(GM, R, zeros, zeros), [6.87e6, 0, 0])
 
 
-def test_parts_by_degree_add_up_and_degree_one_is_empty():
-    """Analytic: the sum is linear; the origin is the centre of mass, so degree 1 gives nothing (erratum S-9)."""
+def test_parts_by_degree_add_up_degree_one_is_empty_and_the_pole_can_be_tilted():
+    """Analytic: the sum is linear; degree 1 gives nothing (erratum S-9); turned with its pole the tensor turns."""
     field, position = physics_references.random_field(20), np.array(PLACES["Potsdam at 490 km"])
     parts = [gravity.gradient_e(gravity.truncated(field, n, n), position) for n in range(21)]
     assert_allclose(sum(parts), gravity.gradient_e(field, position), rtol=0, atol=1e-20)
@@ -119,6 +126,9 @@ def test_parts_by_degree_add_up_and_degree_one_is_empty():
     zonals = [gravity.gradient_e(gravity.zonal(field, n), position) for n in range(21)]
     whole = gravity.Field(field.gm, field.radius, field.cosine * (np.arange(21) == 0), 0 * field.sine)
     assert_allclose(sum(zonals), gravity.gradient_e(whole, position), rtol=0, atol=1e-20)
+    turn, position = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]]), np.array([3e6, -4e6, 4.5e6])
+    turned = gravity.gradient_i(turn @ position, pole_i=turn @ [0, 0, 1.0])
+    assert_allclose(turned, gravity.rotate_tensor(turn, gravity.gradient_i(position)), atol=1e-20)
 
 
 def test_field_errors_scatter_as_their_covariance_says():
@@ -144,21 +154,3 @@ def test_field_errors_scatter_as_their_covariance_says():
     assert_allclose(np.mean(drawn[:, 0, 1:] ** 2), rt, rtol=0.1)
     assert_allclose(np.mean(drawn[:, 1, 2] ** 2), tt, rtol=0.1)
     assert_allclose(np.mean((drawn[:, 1, 1] - drawn[:, 2, 2]) ** 2) / 4, tt, rtol=0.1)
-
-
-def test_the_pole_can_be_tilted():
-    """Analytic: turning position and pole together turns the tensor."""
-    turn, position = np.array([[0, 0, 1.0], [1, 0, 0], [0, 1, 0]]), np.array([3e6, -4e6, 4.5e6])
-    turned = gravity.gradient_i(turn @ position, pole_i=turn @ [0, 0, 1.0])
-    assert_allclose(turned, gravity.rotate_tensor(turn, gravity.gradient_i(position)), atol=1e-20)
-
-
-def test_positions_in_kilometres_and_too_high_a_degree_are_refused():
-    """Contract: the most likely mistake is named; beyond LIMIT the recursion would overflow."""
-    with pytest.raises(GravcalError, match="positions in metres"):
-        gravity.gradient_e(physics_references.random_field(3), [6870.0, 0, 0])
-    with pytest.raises(GravcalError, match="metres"):
-        gravity.gradient_i([7000.0, 0, 0])
-    zeros = np.zeros((gravity.LIMIT + 2, gravity.LIMIT + 2))
-    with pytest.raises(GravcalError, match="truncated"):
-        gravity.gradient_e(gravity.Field(GM, R, zeros, zeros), [6.87e6, 0, 0])

@@ -24,15 +24,11 @@ def test_the_sun_stands_where_the_almanac_says():
     assert np.all(angle < 0.36)
 
 
-def test_the_shadow_lies_behind_the_earth():
-    """Analytic: on the day side, behind the centre, and just outside the cylinder."""
+def test_the_shadow_lies_behind_the_earth_and_warmth_lags_behind_it():
+    """Analytic: day side, behind the centre, just outside the cylinder; exp(-t / lag) after long sunlight."""
     sun = np.tile([1.0, 0.0, 0.0], (3, 1))
     position = np.array([[6.9e6, 0.0, 0.0], [-6.9e6, 0.0, 0.0], [-3e6, 6.4e6, 0.0]])
     assert orbit_environment.sunlit(position, sun).tolist() == [True, False, True]
-
-
-def test_warmth_follows_a_first_order_lag():
-    """Analytic: exp(-t / lag) after an entry into the shadow, from the state of long sunlight."""
     sun = orbit_environment.sun_i(np.array([6e8]))[0]
     time = 6e8 + np.arange(0.0, 9000.0, 5.0)
     position = np.where((time < 6e8 + 6000)[:, None], 7e6 * sun, -7e6 * sun)

@@ -52,7 +52,8 @@ def read(text):
 def leaking(tmp_path_factory):
     """Folder with a day that holds a leak, beside the store of all that is made of it."""
     folder = tmp_path_factory.mktemp("leak") / "files"
-    commands.simulated("com_offset", folder, 8, {"accelerometer.current_leak": {"z_from_x": LEAK}})
+    kinds = {"manoeuvres": ("pitch_low", "pitch_high", "roll_high")}
+    commands.simulated("com_offset", folder, 8, {"accelerometer.current_leak": {"z_from_x": LEAK}}, **kinds)
     return folder
 
 
