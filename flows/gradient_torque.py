@@ -129,8 +129,16 @@ def values(document):
             yield results.Value("", f"{label} error", "m s-2", one["rms_error"], None, None)
 
 
-def recomputed(document, _section, printed, run):
-    """Error of the drag, or its sigma where no truth is known, and degrees seen, for numbers of the text."""
+def recomputed(document, section, printed, run):
+    """Error of the drag, or its sigma where no truth is known, degrees seen, and centre of pressure.
+
+    The last is as printed that of the panels by area, corrected that of the torque balance.
+    """
+    if section == "pressure":
+        axis, balance = "xyz".index(printed.component), document.get("centre_of_pressure_m")
+        if run == "as_printed":
+            return [document["panel_pressure_m"]["area_weighted"][axis]], [None]
+        return ([balance["value"][axis]], [balance["sigma"][axis]]) if balance else None
     single = "one_sensor_published" if run == "as_printed" else "one_sensor"
     method = {"drag_error_order_two_accelerometers": "two_sensor", "drag_error_order_single_accelerometer": single}
     if printed.name in method:

@@ -215,14 +215,16 @@ def _series(document, table, run):
 
 
 def _pictures(out, name, item, drawn):
-    """Lines of Markdown with the first figure of each run, or of both where they are alike; writes the files."""
+    """Lines of Markdown with a section's first figure, or all, of each run or of both alike; writes the files."""
     lines, alike = [], {}
     for run, figures in drawn.items():
-        for found in re.findall(r'base64,([^"]*)" alt="([^"]*)"', "".join(figures[:1])):
-            alike.setdefault(found, []).append(run)
-    for (address, title), runs in alike.items():
+        for number, one in enumerate(figures[: None if item.get("all") else 1], 1):
+            for address, title in re.findall(r'base64,([^"]*)" alt="([^"]*)"', one):
+                alike.setdefault((number, title, address), []).append(run)
+    for (number, title, address), runs in sorted(alike.items(), key=lambda one: one[0][0]):
         of, said = ("", "Both runs") if len(runs) > 1 else (runs[0], HEADS[1 + RUNS.index(runs[0])].capitalize())
-        path = "images/papers/" + re.sub(r"\W+", "_", f"{name} {item['name']} {of}".strip().lower()) + ".svg"
+        words = f"{name} {item['name']} {number if number > 1 else ''} {of}".strip().lower()
+        path = "images/papers/" + re.sub(r"\W+", "_", words) + ".svg"
         (out / path).parent.mkdir(parents=True, exist_ok=True)
         (out / path).write_bytes(base64.b64decode(address))
         lines += [*_wrapped(f"*{said}: {html.unescape(title)}.*"), "", f"![{html.unescape(title)}]({path})", ""]

@@ -40,7 +40,7 @@ def gradient(observed, stored, **settings):
     return model.gradient(observed, stored, **settings)
 
 
-@stage(reads=[GRADIENT, "ingest", FIELD], writes="gradient_torque.torque", version=2)
+@stage(reads=[GRADIENT, "ingest", FIELD], writes="gradient_torque.torque", version=3)
 def torque(modelled, observed, stored, **settings):
     """Gravity-gradient torque by zonal degree."""
     return model.torque(modelled, observed, stored, **settings)
@@ -73,7 +73,7 @@ def checks(modelled, observed, **settings):
 REPORTED = ["gradient_torque.combine", "gradient_torque.torque", GRADIENT, "gradient_torque.checks", DRAG]
 
 
-@stage(reads=REPORTED, writes="gradient_torque.report", version=3)
+@stage(reads=REPORTED, writes="gradient_torque.report", version=4)
 def report(*products, event, settings):
     """Result document and page."""
     return page.report(*products, event=event, settings=settings)

@@ -160,7 +160,7 @@ def torque(
     """Amplitude spectra of the torque by zonal degree beside the angular noise of the sensor.
 
     Attitude is that of "gradient_torque.gradient", the orbit that of the file; the satellite has inertia, test_mass,
-    test_mass_inertia, angular_noise_density.
+    test_mass_inertia, angular_noise_density, panel_area, panel_normal, panel_centre.
     """
     time, position = observed["time"].values, observed["position"].values
     every = slice(None, None, max(1, round(spectrum_step_s / float(np.median(np.diff(time))))))
@@ -180,6 +180,7 @@ def torque(
         own[k] = free_mass_angular_acceleration(test_mass, tensor, np.zeros(3))
     step = float(np.median(np.diff(time[every])))
     frequency, amplitude = amplitude_spectrum(relative, step)
+    facing = np.array(satellite["panel_area"]) * np.maximum(np.array(satellite["panel_normal"])[:, 0], 0)  # flight: x
     values = {
         "degree": degrees,
         "frequency": frequency,
@@ -187,6 +188,8 @@ def torque(
         "rms": np.sqrt(np.mean(relative**2, axis=1)),
         "test_mass_rms": np.sqrt(np.mean(own**2, axis=1)),
         "inertia": body,
+        "area_centre": centre_of_pressure(satellite["panel_area"], satellite["panel_centre"]),
+        "facing_centre": centre_of_pressure(facing, satellite["panel_centre"]),
         "sensitivity": np.array(satellite["angular_noise_density"]) * np.sqrt(2 * 1.5 / (step * relative.shape[1])),
     }
     return build(SCHEMAS["torque"], values, title="Gravity-gradient torque by zonal degree", elongation=elongation)
@@ -305,6 +308,14 @@ def printed_torque(inertia, gradient_b, place_b):
     """
     place = np.asarray(place_b, float)
     return np.cross(np.matvec(gradient_b, place), np.asarray(inertia) @ (1 / place))
+
+
+def centre_of_pressure(area, centre_b):
+    """Mean (3,) m, to a nanometre, of the centres (n, 3) m of panels by area (n,) m2, theirs or as the flow sees it.
+
+    x_cp = sum A_k x_k / sum A_k; S-GRS paper, after eq. 11.
+    """
+    return np.average(centre_b, axis=0, weights=area).round(9) + 0.0  # no minus nought
 
 
 def printed_vectors(inertia, test_mass_inertia, mass, com_to_pressure_b, separation_b):

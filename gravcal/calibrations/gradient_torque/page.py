@@ -49,6 +49,12 @@ PRINTED_NOTES = (
     "The torque of the tensor, t = vex(J G - G J), is one; the printed one takes the difference of gravity over a "
     "place of the choice of the reader, is another for each, and hundreds of times and more too large (erratum S-1).",
 )
+BALANCE = ("value", "sigma", "prior_sigma")
+PRESSURE_NOTES = (
+    "The paper has the mean of the panels by area (eq. 11) and prints no panel; here are those of GRACE-FO, with the "
+    "centre of mass assumed in the middle of their volume. The flow meets the front alone: a mean over all panels "
+    "adds a torque about y of z times the drag. The torque balance is what the record says.",
+)
 KNOWLEDGE_NOTES = (
     "One epoch gives six numbers for five elements of the gradient tensor and three of the drag: two combinations stay "
     "unseen, and both contain the diagonal of the tensor, which enters no torque. The printed pair of equations has "
@@ -105,6 +111,8 @@ def _result(products, settings):
         },
         "verdict": {"text": _verdict(methods, float(settings["requirement_m_s2"]))},
     }
+    found["panel_pressure_m"] = {"area_weighted": numbers(torque["area_centre"].values)}
+    found["panel_pressure_m"]["facing_the_flow"] = numbers(torque["facing_centre"].values)
     if "pressure" in drag:
         found["centre_of_pressure_m"] = {
             "value": numbers(drag["pressure"].values),
@@ -168,6 +176,7 @@ def _sections(document):
         Section("Drag", [_methods_table(document), _budget_table(document)], [_errors, _series]),
         Section("Gravity-gradient torque", (), [_spectra, _degrees], (*TORQUE_NOTES, f"{above}(sensitivity assumed).")),
         Section("Equation 3 against equation 1", (), [_printed_torque], PRINTED_NOTES),
+        Section("Centre of pressure", [_pressure_table(document)], (), PRESSURE_NOTES),
         Section("What one sensor can tell", _knowledge_tables(document), (), KNOWLEDGE_NOTES),
     ]
 
@@ -204,17 +213,22 @@ def _knowledge_tables(document):
     rows = [[k["known"], k["rank"], k["unknowns"], *map(_short, k["drag_sigma"])] for k in own["knowledge"]]
     null = [[f"{v:+.2f}" for v in vector] for vector in own["null_space"]["vectors"]]
     caption = f"Combinations that one epoch does not see (rank {own['rank']} of {own['unknowns']}); "
-    tables = [
+    return [
         Table("Joint system of several epochs, m/s²", heads, rows, reads=("combine",)),
         Table(caption + own["null_space"]["units"], own["null_space"]["unknowns"], null, reads=("combine",)),
     ]
-    if "centre_of_pressure_m" in document:
-        heads, columns = ["axis", "value", "σ", "σ before"], document["centre_of_pressure_m"].values()
-        rows = [
-            [axis, f"{value:+.4f}", *(f"{s:.4f}" for s in s)] for axis, value, *s in zip(AXES, *columns, strict=True)
-        ]
-        tables.append(Table("Centre of pressure from the torque balance, m", heads, rows, reads=("drag.one_sensor",)))
-    return tables
+
+
+def _pressure_table(document):
+    """What panels say of the centre of pressure, and what the torque balance of the record does."""
+    heads = ["axis", "all panels by area", "panels facing the flow", "torque balance", "σ", "σ before"]
+    panels, balance = (document.get(name, {}) for name in ("panel_pressure_m", "centre_of_pressure_m"))
+    rows = []
+    for k, axis in enumerate(AXES):
+        sums = [f"{values[k]:+.4f}" for values in panels.values()]
+        rows.append([axis, *sums, *(_short(balance[key][k] if balance else None, ".4f") for key in BALANCE)])
+    reads = ("torque", "drag.one_sensor")
+    return Table("From the centre of mass to the centre of pressure, m", heads, rows, reads=reads)
 
 
 @figure(

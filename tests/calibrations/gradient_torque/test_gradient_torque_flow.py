@@ -81,6 +81,7 @@ def test_without_a_known_control_law_the_pressure_is_left_out(tmp_path):
     document, _ = run(tmp_path, control_hz="0")
     assert list(document["drag"]) == ["one_sensor"]
     assert "centre_of_pressure_m" not in document
+    assert document["panel_pressure_m"] == {"area_weighted": [0, 0, 0.052471714], "facing_the_flow": [1.5615, 0, 0]}
 
 
 def test_simulation_writes_truth_beside_and_takes_measured_accelerations(tmp_path):
