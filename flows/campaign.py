@@ -6,11 +6,7 @@ starts. Nothing here imports Prefect before it is wanted: workers import this mo
 
 import collections
 import contextlib
-import heapq
-import itertools
-import json
 import os
-import sqlite3
 import threading
 import time
 import traceback
@@ -28,7 +24,7 @@ ORDER = ("failed", "questionable", "delivered", "no_manoeuvre", "no_data")
 SHOWN = 6  # values of an event that a table shows; all of them are in the summary
 ROWS = 1000  # rows of a table that a page can show
 TASKS = 1000  # of Prefect, each with rows of its database; of more events several are one task
-AHEAD = 500  # events that Dask holds at a time, at least: each with all settings of its campaign
+
 #: Dask looks at itself all the time, a sixth of a core with two workers; here nobody looks at what it finds.
 WORKERS = {
     "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false",
@@ -65,32 +61,6 @@ class Campaign:
         return discover.as_calibration(self.calibration, self.search == "limits")
 
 
-class Rows(collections.abc.Sequence):
-    """Rows of the events of a campaign, in a temporary file: memory does not grow with what is done."""
-
-    def __init__(self, sources):
-        self.sources, self.counts, self.origins = sources, collections.Counter(), set()
-        self._file = sqlite3.connect("", isolation_level=None, check_same_thread=False)  # goes when it is closed
-        self._file.execute("CREATE TABLE rows (number INTEGER PRIMARY KEY, row TEXT)")
-
-    def __len__(self):
-        """As many as there are events."""
-        return len(self.sources)
-
-    def __getitem__(self, number):
-        """Row of an event that is done."""
-        (text,) = self._file.execute("SELECT row FROM rows WHERE number = ?", (range(len(self))[number],)).fetchone()
-        return json.loads(text)
-
-    def add(self, number, row):
-        """Keep the row of an event; one that failed says whether its records are simulated."""
-        if row["status"] == "failed" and hasattr(self.sources[number], "folder"):
-            row = row | {"origin": command.origin_of(self.sources[number])}
-        self._file.execute("INSERT INTO rows VALUES (?, ?)", (number, json.dumps(row)))
-        self.counts[row["status"]] += 1
-        self.origins.add(row.get("origin", ""))
-
-
 def failed_last(campaign, sources):
     """Sources of the events whose last run in this configuration failed, and of those that are refused."""
     name = campaign.one.flow.flow_name
@@ -110,23 +80,24 @@ def run(campaign, sources, listener=None):
     """
     engine.single_threaded()
     listener = listener or (lambda _: None)
-    rows, waiting = Rows(sources), {}
-    for number, source in enumerate(sources):
-        row = answered(campaign, source)
-        if row is None:
-            waiting[number] = source
-        else:
-            rows.add(number, row)
-            listener(row)
-    if waiting:
-        _make_all(campaign, waiting, rows, listener)
+    rows = []
+    for source in sources:
+        rows.append(answered(campaign, source))
+        if rows[-1]:
+            listener(rows[-1])
+    if None in rows:
+        _make_all(campaign, sources, rows, listener)
+    for source, row in zip(sources, rows, strict=True):  # one that failed says whether its records are simulated
+        if row["status"] == "failed" and hasattr(source, "folder"):
+            row["origin"] = command.origin_of(source)
+    counts = collections.Counter(row["status"] for row in rows)
     return {
         "schema_version": schemas.VERSION,
-        "status": next((status for status in ORDER if rows.counts[status]), "no_data"),
+        "status": next((status for status in ORDER if counts[status]), "no_data"),
         "calibration": campaign.calibration,
         "configuration": campaign.chosen.configuration,
-        "origin": product.origins_together(rows.origins) or product.MEASURED,
-        "counts": dict(rows.counts),
+        "origin": product.origins_together(row.get("origin", "") for row in rows) or product.MEASURED,
+        "counts": dict(counts),
         "events": rows,
     }
 
@@ -242,14 +213,16 @@ def cluster(campaign, count):
         yield client
 
 
-def _make_all(campaign, waiting, rows, listener):
-    """Add the rows of the events that have something to make; workers begin while a server still starts."""
-    folder = str(location.folder())
+def _make_all(campaign, sources, rows, listener):
+    """Fill in the rows of the events that have something to make; workers begin while a server still starts."""
+    folder, gate = str(location.folder()), threading.Lock()
+    waiting = {number: source for number, source in enumerate(sources) if rows[number] is None}
 
     def heard(number, row):
-        rows.add(number, row)
+        rows[number] = row
         if campaign.engine != "flow":  # its tasks show them
-            listener(row)
+            with gate:
+                listener(row)
         return row
 
     if campaign.workers == 0:
@@ -259,54 +232,39 @@ def _make_all(campaign, waiting, rows, listener):
         return None
     count = min(campaign.workers or os.cpu_count() or 1, len(waiting))
     with server.early(campaign.engine == "prefect") as begun, cluster(campaign, count) as client:
-        futures, rest, gate = {}, iter(waiting.items()), threading.Lock()
-
-        def hand_out(more):
-            for number, source in itertools.islice(rest, more):
-                futures[number] = client.submit(make, campaign, source, folder, pure=False, retries=2)
-
-        hand_out(AHEAD)
+        how = {"pure": False, "retries": 2}
+        futures = {number: client.submit(make, campaign, one, folder, **how) for number, one in waiting.items()}
 
         def row_of(number):
             """Row of one event, made by a worker; one that dies is replaced twice."""
-            with gate:
-                while number not in futures:
-                    hand_out(1)
             try:
-                row = futures[number].result()
+                row = futures.pop(number).result()
             except Exception as error:  # noqa: BLE001 - a worker that died too often, a lost scheduler
                 text = f"{type(error).__name__}: {error}"
                 row = {"event": waiting[number].event, "status": "failed", "error": text}
-            with gate:
-                futures.pop(number).release()
-                hand_out(max(0, AHEAD - len(futures)))
-                return heard(number, row)
+            return heard(number, row)
+
+        def events():
+            """Make the events as tasks of one flow; beside it a table of the first of them."""
+            from prefect.artifacts import create_table_artifact
+
+            as_tasks(waiting, row_of)
+            shown, left_out = table([rows[number] for number in waiting])
+            description = f"Events of the campaign that had something to make{left_out}"
+            create_table_artifact(table=shown, key=f"{slug(campaign.calibration)}-events", description=description)
 
         if campaign.engine == "flow":
             return as_tasks(waiting, row_of)
         if campaign.engine == "prefect":
             try:
-                return _through_prefect(campaign, waiting, row_of, rows, begun or server.begin())
+                with server.running(begun or server.begin()) as url:
+                    name = f"campaign {campaign.calibration}"
+                    return through_prefect.flow_on(url, events, name, lambda: len(waiting))
             except server.Unavailable as error:
                 engine.warn(f"Prefect's server is not available ({error}); running without it.")
         for number in waiting:
             row_of(number)
         return None
-
-
-def _through_prefect(campaign, waiting, row_of, rows, begun):
-    """Make the events as tasks of one flow on a server that answers; beside it a table of the first of them."""
-
-    def events():
-        from prefect.artifacts import create_table_artifact
-
-        as_tasks(waiting, row_of)
-        shown, left_out = table(rows[number] for number in waiting)
-        description = f"Events of the campaign that had something to make{left_out}"
-        create_table_artifact(table=shown, key=f"{slug(campaign.calibration)}-events", description=description)
-
-    with server.running(begun) as url:
-        through_prefect.flow_on(url, events, f"campaign {campaign.calibration}", lambda: len(waiting))
 
 
 def as_tasks(waiting, row_of):
@@ -345,11 +303,8 @@ def state_of(rows):
 
 def table(rows):
     """Rows as a page can show them, the failed first; and in words what is left out, "" if nothing is."""
-    count = itertools.count()
-    numbered = ((row["status"] != "failed", row["status"] != "questionable", next(count), row) for row in rows)
-    shown = [row for *_, row in heapq.nsmallest(ROWS, numbered)]
-    total = next(count)
-    return shown, f"; {total - ROWS} of {total} events are not shown" if total > ROWS else ""
+    shown = sorted(rows, key=lambda row: (row["status"] != "failed", row["status"] != "questionable"))[:ROWS]
+    return shown, f"; {len(rows) - ROWS} of {len(rows)} events are not shown" if len(rows) > ROWS else ""
 
 
 def slug(name):

@@ -54,32 +54,15 @@ def write_json(document, path):
     """Write a document where it is wanted: nowhere, into a file, or to standard output."""
     if path is None:
         return
-    rows = document.get("events") if isinstance(document, dict) else None
-    whole = rows is None or isinstance(rows, list)
-    parts = [_encoded(document) + "\n"] if whole else _row_by_row(document)  # all is known before a file is opened
+    text = json.dumps(document, indent=1, allow_nan=False)
     if str(path) == "-":
-        sys.stdout.writelines(parts)
-        sys.stdout.flush()
+        say(text)
     else:
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
-            with path.open("w") as stream:
-                stream.writelines(parts)
+            path.write_text(text + "\n")
         except OSError as error:
             raise ProductError(f"{path}: the document cannot be written ({error.strerror}). Free its place.") from error
-
-
-def _encoded(document):
-    return json.dumps(document, indent=1, allow_nan=False)
-
-
-def _row_by_row(summary):
-    """Text of the summary of a campaign in parts, for its rows may be many."""
-    before, after = _encoded(summary | {"events": []}).split('"events": []')
-    yield before + '"events": ['
-    for number, row in enumerate(summary["events"]):
-        yield ("," if number else "") + "\n" + textwrap.indent(_encoded(row), "  ")
-    yield "\n ]" + after + "\n"
 
 
 def delivered(document, path):

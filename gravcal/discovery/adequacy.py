@@ -8,20 +8,11 @@ together that is less than noise has is an alarm of its own: the noise is overra
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from functools import partial
 
 import numpy as np
 
 from gravcal.discovery import attribution, scan
-from gravcal.discovery.problem import (
-    Problem,
-    baseline_of,
-    inverse_of_baseline,
-    observed_rows,
-    parallel,
-    prepare,
-    residuals_of,
-)
+from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, observed_rows, prepare, residuals_of
 from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail
 
@@ -59,17 +50,22 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     both = [np.concatenate([m, n], axis=1) for m, n in zip(observed_rows(problem), noise, strict=True)]
     rest = residuals_of(problem, baseline, both, over=True)
     channels = sorted({c for b in problem.blocks for c in b.channel})
-    here = problem, baseline, rest
-    parts = [partial(scan.steps, *here), partial(_candidates, *here)]
-    parts += [partial(scan.lines, *here, channel) for channel in channels]
-    parts += [partial(scan.excess, problem, rest, channel) for channel in channels]
-    parts.append(partial(_bands, problem.blocks, rest))
-    steps, of_candidates, *found, (rows, smallest, quiet) = parallel(lambda part: part(), parts)
-    found, power = found[: len(channels)], [one for some in found[len(channels) :] for one in some]
-    scans = [s for s in [*found, steps] if s.at.size]
+    scans = [scan.lines(problem, baseline, rest, channel) for channel in channels]
+    scans = [s for s in [*scans, scan.steps(problem, baseline, rest)] if s.at.size]
+    power = [one for channel in channels for one in scan.excess(problem, rest, channel)]
+    rows, smallest, quiet = _bands(problem.blocks, rest)
     unlikely = [one.log_p for one in power]
     lines = [chi2_tail.least_log_tail(s.gain, np.maximum(s.dof, 1)) + np.log(s.at.size) for s in scans]
-    least = np.min(_tested([smallest, of_candidates, *lines, *unlikely], problem), axis=0)
+    families = [smallest, _candidates(problem, baseline, rest), *lines, *unlikely]
+    families = [one for one in families if one is not None]
+    if not families:
+        count = sum(block.observed.shape[0] for block in problem.blocks)
+        raise EstimationError(
+            f"discovery: {count} readings in {len(problem.blocks)} blocks leave nothing to test: no channel has "
+            f"{8 * BANDS} on one axis, and the model takes up every candidate. Give a longer record.",
+            readings=count,
+        )
+    least = np.min(families, axis=0)
     own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1].copy(), s.dof) for s in scans]  # no views
     certain = [one for one in power if one.log_p[0] < CERTAIN]
     excess = max(certain, key=lambda one: one.score, default=min(power, key=lambda one: one.log_p[0], default=None))
@@ -134,7 +130,13 @@ def _explained(problem, baseline, rest, number, group, limit):
             value = attribution.ratio(gram, place, problem.size).value
             if np.abs(rest[number][group, 0] - rows[:, place] @ value).max() < limit:
                 return True
-    fitted = lambda shape: _fitted_step(columns.basis, shape, rest[number][:, 0], group)  # noqa: E731
+
+    def fitted(shape):
+        """Sizes (q,) of the columns of a step in the residual, and the largest that they leave of the far rows."""
+        clean = shape - columns.basis @ (columns.basis.T @ shape)
+        value = np.linalg.lstsq(clean, rest[number][:, 0], rcond=1e-6)[0]
+        return value, np.abs(rest[number][group, 0] - clean[group] @ value).max()
+
     if any(fitted(shape)[1] < limit for shape in block.steps.values()):
         return True
     row = int(group[np.argmax(np.abs(rest[number][group, 0]))])
@@ -145,13 +147,6 @@ def _explained(problem, baseline, rest, number, group, limit):
         if left < limit and share > PULSE:
             return True
     return False
-
-
-def _fitted_step(basis, shape, rest, group):
-    """Sizes (q,) of the columns of a step in a residual (n,), and the largest that they leave of far rows (g,)."""
-    clean = shape - basis @ (basis.T @ shape)
-    value = np.linalg.lstsq(clean, rest, rcond=1e-6)[0]
-    return value, np.abs(rest[group] - clean[group] @ value).max()
 
 
 def _steps_about(block, row):
@@ -167,19 +162,6 @@ def _steps_about(block, row):
             source, target = here[max(-shift, 0) : here.size - max(shift, 0)], here[max(shift, 0) :]
             moved[k, target[: source.size]] = block.steps[epoch][source]
         yield from (np.concatenate(moved[k : k + 2], axis=1) for k in range(3))
-
-
-def _tested(families, problem):
-    """Those families that hold a test."""
-    found = [family for family in families if family is not None]
-    if not found:
-        rows = sum(block.observed.shape[0] for block in problem.blocks)
-        raise EstimationError(
-            f"discovery: {rows} readings in {len(problem.blocks)} blocks leave nothing to test: no channel has "
-            f"{8 * BANDS} on one axis, and the model takes up every candidate. Give a longer record.",
-            readings=rows,
-        )
-    return found
 
 
 def _rank(least):

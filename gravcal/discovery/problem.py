@@ -7,32 +7,13 @@ from __future__ import annotations
 
 import functools
 import itertools
-import multiprocessing
-import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate
-
-
-def parallel(function: Callable, *items: Iterable) -> list:
-    """Results of a function of one of each of the items after the other, on all cores that this process has to itself.
-
-    For functions that spend their time in numpy or compiled kernels, which leave the interpreter free. What they return
-    is the same as of a plain loop, to the last bit and in the same order.
-    """
-    rows = list(zip(*items, strict=True))
-    allowed = os.sched_getaffinity(0) if hasattr(os, "sched_getaffinity") else ()
-    own = 1 if multiprocessing.current_process().daemon else len(allowed)  # one where it is one of many workers
-    count = min(len(rows), own)
-    if count < 2:
-        return [function(*row) for row in rows]
-    with ThreadPoolExecutor(count) as threads:
-        return list(threads.map(function, *zip(*rows, strict=True)))
 
 
 def inverse_of(inner: np.ndarray) -> np.ndarray:
@@ -98,13 +79,12 @@ class Columns:
     def of(self, wanted: np.ndarray) -> np.ndarray:
         """Some columns (n, w), own columns projected out."""
         wanted = np.asarray(wanted, dtype=np.intp)
-        made = self.memory.get(wanted.tobytes())
-        if made is None:
-            made = self.made(wanted)
+        key = wanted.tobytes()
+        if key not in self.memory:
             if len(self.memory) >= REMEMBERED:
                 self.memory.clear()
-            self.memory[wanted.tobytes()] = made
-        return made
+            self.memory[key] = self.made(wanted)
+        return self.memory[key]
 
     def made(self, wanted: np.ndarray) -> np.ndarray:
         """The same, not remembered; column by column, so that zeros take no memory."""
@@ -216,16 +196,15 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
     widths = [1, width, *(len(c.names) for c in candidates)]
     ends = np.cumsum(widths)[1:]
     places = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-
-    def one(index, block):
+    columns, samples = [], []
+    for index, block in enumerate(blocks):
         pieces = [block.observed[:, None], block.global_columns, *(c.columns[index] for c in candidates)]
-        columns = columns_of(block.channel, basis_of(block.local_columns), pieces, widths)
+        columns.append(columns_of(block.channel, basis_of(block.local_columns), pieces, widths))
         used = np.any(np.column_stack([block.observed, block.local_columns]) != 0, axis=1)
-        return columns, columns.products(), columns.squares, float(used.sum() - columns.basis.shape[1])
-
-    columns, gram, squares, samples = zip(*parallel(one, range(len(blocks)), blocks), strict=True)
-    size = _size(gram, squares)
-    return Problem(blocks, list(candidates), list(columns), np.stack(gram), places, size, np.array(samples))
+        samples.append(float(used.sum() - columns[-1].basis.shape[1]))
+    gram = np.stack([one.products() for one in columns])
+    size = _size(gram, [one.squares for one in columns])
+    return Problem(blocks, list(candidates), columns, gram, places, size, np.array(samples))
 
 
 def _size(gram, squares):
@@ -237,21 +216,18 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
     """Problem with one more candidate."""
     count = len(candidate.names)
     place = slice(problem.size.size, problem.size.size + count)
-
-    def one(old, products, part):
+    columns, gram, squares = [], np.zeros((len(problem.blocks), place.stop, place.stop)), []
+    for old, products, wider, part in zip(problem.columns, problem.gram, gram, candidate.columns, strict=True):
         new = np.zeros((old.basis.shape[0], count), order="F") if part is None else np.asarray(part, dtype=float)
-        both = old.wider(new)
-        wider = np.zeros((place.stop, place.stop))
+        columns.append(old.wider(new))
         wider[: place.start, : place.start] = products
-        wider[:, place] = both.onto(both.made(np.arange(place.start, place.stop)))
+        wider[:, place] = columns[-1].onto(columns[-1].made(np.arange(place.start, place.stop)))
         wider[place] = wider[:, place].T
-        squares = np.einsum("nm,nm->m", new, new)
-        return both, without_rounding(wider, np.append(np.zeros(place.start), squares)), squares
-
-    columns, gram, squares = zip(*parallel(one, problem.columns, problem.gram, candidate.columns), strict=True)
-    size = np.append(problem.size, _size([one[place, place] for one in gram], squares))
+        squares.append(np.einsum("nm,nm->m", new, new))
+        without_rounding(wider, np.append(np.zeros(place.start), squares[-1]))
+    size = np.append(problem.size, _size(gram[:, place, place], squares))
     more = {"candidates": [*problem.candidates, candidate], "places": [*problem.places, place]}
-    return replace(problem, columns=list(columns), gram=np.stack(gram), size=size, **more)
+    return replace(problem, columns=columns, gram=gram, size=size, **more)
 
 
 def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -> np.ndarray:

@@ -1,6 +1,5 @@
-"""Parts of a search on invented algebra: columns, cores, foreign causes, what is held out, times and frequencies."""
+"""Parts of a search on invented algebra: columns, foreign causes, what is held out, times and frequencies."""
 
-import os
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,7 +14,6 @@ from gravcal.discovery.problem import (
     basis_of,
     columns_of,
     observed_rows,
-    parallel,
     prepare,
     residuals_of,
     without_rounding,
@@ -76,20 +74,6 @@ def test_columns_along_own_ones_are_gone_and_not_rounding(made):
     squares = np.append(np.zeros(9), 1e20)
     products = np.full((10, 10), 1e3)
     assert np.count_nonzero(without_rounding(products, squares)) == 81
-
-
-@pytest.mark.parametrize("cores", [1, 2])
-def test_parallel_gives_the_results_in_order(monkeypatch, cores):
-    """Contract: as a plain loop, on one core or on two, of one item, of none and of two a call; errors come through."""
-    monkeypatch.setattr(os, "sched_getaffinity", lambda _: range(cores))
-    numbers = list(range(50))
-    assert parallel(lambda a, b: 10 * a + b, numbers, numbers) == [11 * n for n in numbers]
-    assert parallel(str, [7]) == ["7"]
-    assert parallel(str, []) == []
-    with pytest.raises(np.linalg.LinAlgError):
-        parallel(np.linalg.inv, [np.eye(2), np.zeros((2, 2))])
-    with pytest.raises(ValueError, match="shorter"):
-        parallel(divmod, [1, 2], [3])
 
 
 def test_a_driver_that_the_calibration_has_not_is_an_error():
