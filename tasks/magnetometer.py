@@ -39,7 +39,7 @@ def checks(aligned, found, **settings):
     return estimation.check(aligned, found, **settings)
 
 
-@stage(reads=["file"], writes="magnetometer.theirs", version=1)
+@stage(reads=["file"], writes="magnetometer.theirs", version=2)
 def theirs(file):
     """Calibrated field of a CDF file."""
     values, origin = cdf.read(file)
@@ -49,7 +49,7 @@ def theirs(file):
 READ = ["magnetometer.align", "magnetometer.estimate", "ingest", "ingest", "magnetometer.theirs"]
 
 
-@stage(reads=READ, writes="magnetometer.beside", version=1)
+@stage(reads=READ, writes="magnetometer.beside", version=2)
 def beside(aligned, found, camera, orbit, published, **settings):
     """Calibrated field of others less ours, and the parameters that it implies."""
     return comparison.compare(aligned, found, camera, orbit, published, **settings)

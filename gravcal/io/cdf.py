@@ -22,6 +22,7 @@ NAMES = {
 }
 PLACE = ("Latitude", "Longitude", "Radius")  # deg, deg, m
 FIELD = ("B_NEC_raw", "B_NEC")  # nT, the first that a file has: B_NEC of GRACE is a mean over 11 s
+FLAG = "B_FLAG"  # of GRACE-FO: nought but in 1 % of a day at most; no page at hand says what it means
 EPOCH_S = 63113947200.0  # from the origin of CDF_EPOCH, 0000-01-01, to 2000-01-01 12:00
 
 
@@ -33,7 +34,10 @@ def files(folder: Path, satellite: str, date: str | None) -> list[archive.LevelO
 
 
 def read(file: archive.LevelOneFile) -> tuple[dict[str, np.ndarray], str]:
-    """Finite records of a file as time (n,) s GPS, position_e (n, 3) m, field_n (n, 3) T, and their origin."""
+    """Finite records without a flag as time (n,) s GPS, position_e (n, 3) m, field_n (n, 3) T, and their origin.
+
+    Beside them the number of records that have one.
+    """
     try:
         import cdflib
     except ModuleNotFoundError:
@@ -44,7 +48,8 @@ def read(file: archive.LevelOneFile) -> tuple[dict[str, np.ndarray], str]:
         known = content.cdf_info().zVariables
         field = next((name for name in FIELD if name in known), FIELD[-1])
         missing = sorted({"Timestamp", *PLACE, field} - set(known))
-        values = {} if missing else {name: np.asarray(content.varget(name)) for name in ("Timestamp", *PLACE, field)}
+        wanted = [name for name in ("Timestamp", *PLACE, field, FLAG) if name in known and not missing]
+        values = {name: np.asarray(content.varget(name)) for name in wanted}
         header = "\n".join(f"{name}: {one[0]}" for name, one in content.globalattsget().items())
     except Exception as reason:  # cdflib raises what it stumbles over
         refuse(file.where, f"what cannot be read ({reason})", "a CDF file", archive.FETCH_AGAIN)
@@ -56,6 +61,8 @@ def read(file: archive.LevelOneFile) -> tuple[dict[str, np.ndarray], str]:
     latitude, longitude = (np.radians(values[name]) for name in PLACE[:2])
     around = np.stack([np.cos(longitude), np.sin(longitude)], axis=1) * np.cos(latitude)[:, None]
     position = values["Radius"][:, None] * np.column_stack([around, np.sin(latitude)])
-    good = np.isfinite(time) & np.isfinite(np.column_stack([position, values[field]])).all(axis=1)
+    flagged = values.get(FLAG, np.zeros(time.size)) != 0
+    good = ~flagged & np.isfinite(time) & np.isfinite(np.column_stack([position, values[field]])).all(axis=1)
     found = {"time": time, "position_e": position, "field_n": 1e-9 * values[field]}
-    return {name: one[good] for name, one in found.items()}, archive.origin_of_header(header)
+    found = {name: one[good] for name, one in found.items()} | {"flagged": int(flagged.sum())}
+    return found, archive.origin_of_header(header)

@@ -78,7 +78,10 @@ CDF = "GF1_OPER_FGM_ACAL_CORR_20200201T000000_20200201T235959_0201.cdf"
 
 
 def published(folder, strength, late=0.0):
-    """CDF file of the reference field, a ring current and 40 nT towards the centre, with tags late by seconds."""
+    """CDF file of the reference field, a ring current and 40 nT towards the centre, with tags late by seconds.
+
+    Twenty records in an hour are wrong by 1 uT and have a flag.
+    """
     cdflib = pytest.importorskip("cdflib")
     observed = readers.read(archive.find(folder, "GNV1B", "C", DAY))
     time = observed["gps_time"].values.astype(float)
@@ -89,11 +92,13 @@ def published(folder, strength, late=0.0):
     latitude, longitude, radius = earth.geocentric(position)
     utc = cdflib.cdfepoch.compute_epoch([2020, 1, 31, 23, 59, 42, 0]) + 1e3 * (time - time[0] + late)  # 18 s behind GPS
     columns = {"Timestamp": utc, "Latitude": np.degrees(latitude), "Longitude": np.degrees(longitude)}
-    columns |= {"Radius": radius, "B_NEC": 1e9 * field_n + [0, 0, 40]}
+    flag = (np.arange(time.size) % 3600 >= 3580).astype(np.uint8)
+    columns |= {"Radius": radius, "B_NEC": 1e9 * field_n + [0, 0, 40] + 1e3 * flag[:, None], "B_FLAG": flag}
     with cdflib.cdfwrite.CDF(folder / CDF, delete=True) as file:
         file.write_globalattrs({"software_version": {0: "gravcal simulation"}})
         for name, values in columns.items():
-            kind = cdflib.cdfwrite.CDF.CDF_EPOCH if name == "Timestamp" else cdflib.cdfwrite.CDF.CDF_DOUBLE
+            kind = {"Timestamp": "CDF_EPOCH", "B_FLAG": "CDF_UINT1"}.get(name, "CDF_DOUBLE")
+            kind = getattr(cdflib.cdfwrite.CDF, kind)
             about = {"Variable": name, "Data_Type": kind, "Num_Elements": 1, "Rec_Vary": True}
             file.write_var(about | {"Dim_Sizes": list(values.shape[1:])}, var_data=values)
 
@@ -105,7 +110,7 @@ def test_the_calibrated_field_of_others_stands_beside_ours(tmp_path):
     document, ref = commands.run("magnetometer", tmp_path)
     facts, theirs = document["facts"], document["theirs"]
     sigma = {name: one["sigma"] for name, one in document["parameters"].items()}
-    assert (facts["theirs_records"], document["origin"]) == (7190, "simulated")
+    assert (facts["theirs_records"], facts["theirs_flagged"], document["origin"]) == (7154, 40, "simulated")
     assert np.allclose(facts["theirs_less_ours_mean_nt"], [0, 0, 40], atol=5.2)
     assert np.all(np.abs(facts["theirs_less_ours_rms_nt"] - np.hypot(facts["noise_nt"], [0, 0, 40])) < 5.2)
     assert facts["theirs_from_orbit_m"] < 1

@@ -67,4 +67,5 @@ def compare(
     values = {name: implied[name].values for name in ("parameter", "unit", "value", "sigma")}
     values |= {"own_value": our["value"].values, "own_sigma": our["sigma"].values}
     values |= {"time": field.time[matched], "difference_b": rest - ours, "theirs_b": rest, "apart": apart}
+    values["flagged"] = theirs["flagged"].values
     return build(SCHEMAS["beside"], values)

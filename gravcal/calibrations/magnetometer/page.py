@@ -69,6 +69,7 @@ def content_beside(products):
     difference = 1e9 * found["difference_b"].values
     facts |= {
         "theirs_records": int(found.sizes["time"]),
+        "theirs_flagged": int(found["flagged"]),
         "theirs_less_ours_mean_nt": difference.mean(axis=0).tolist(),
         "theirs_less_ours_rms_nt": np.sqrt(np.mean(difference**2, axis=0)).tolist(),
         "theirs_less_reference_rms_nt": (1e9 * np.sqrt(np.mean(found["theirs_b"].values ** 2, axis=0))).tolist(),
