@@ -1,7 +1,9 @@
 """A manoeuvre as discovery sees it: motion, torques, noise, and what any signal does to its whitened rows.
 
 A signal is {channel: (samples, 3, q)}: linear m s-2 and angular rad s-2 at the accelerometer epochs, attitude rad at
-those of the star camera, magnetometer T once a second.
+those of the star camera, magnetometer T once a second. The linear reading is that of a minute before to a minute after
+the manoeuvre, with one drift: what follows the current slowly bends at its ends, which no drift does, and would be
+taken for a drift within the manoeuvre.
 """
 
 import functools
@@ -23,6 +25,8 @@ from gravcal.physics import dynamics, frames, orbit_environment
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
 #: Between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain.
 STEP_S = 1.0
+PADS_S = 60.0  # of linear reading on either side of a manoeuvre
+SHOWN = 0.05  # share of the square of what a finding adds that lies beside the manoeuvre, from which on this is shown
 
 
 @dataclass(frozen=True)
@@ -49,8 +53,11 @@ class Manoeuvre:
     seen: float  #: s, edges seen by the accelerometer
     measured: dict[str, Measured]  #: {channel: noise of all manoeuvres}, may be completed later
     context: Context  #: Context at the accelerometer epochs
+    wide: Context  #: Context at those of the linear reading, pads included; motion in these is that of a mean attitude
+    wide_rows: slice  #: of the aligned product
+    wide_operator: Resampler  #: low-pass and resampling of the linear reading
     offset: np.ndarray  #: (3,) m, present estimate
-    drift_degree: int  #: of the polynomial that stands for the drift of the linear reading
+    drift_degree: int  #: of the polynomial that stands for the drift of the linear reading, pads included
     magnetometer: tuple  #: (time, difference, valid) at 1 Hz
     orbit: tuple  #: (time, position_i) s, m, of the whole record
     memory: dict = field(default_factory=dict)  #: contexts at other epochs and signals, made once
@@ -73,14 +80,14 @@ class Manoeuvre:
     @property
     def valid(self) -> dict[str, np.ndarray]:
         """Usable samples of each channel."""
-        valid = (self.operator.valid, self.operator.valid, self.window.good, self.magnetometer[2])
+        valid = (self.wide_operator.valid, self.operator.valid, self.window.good, self.magnetometer[2])
         return dict(zip(CHANNELS, valid, strict=True))
 
     @property
     def times(self) -> dict[str, np.ndarray]:
         """Epochs s of the samples of each channel, as they stand in the rows."""
-        grid = self.operator.time
-        return dict(zip(CHANNELS, (grid, grid, self.window.time, self.magnetometer[0]), strict=True))
+        grids = self.wide_operator.time, self.operator.time
+        return dict(zip(CHANNELS, (*grids, self.window.time, self.magnetometer[0]), strict=True))
 
     @property
     def size(self) -> int:
@@ -102,9 +109,17 @@ class Manoeuvre:
 
     def whitened_channel(self, channel: str, values: np.ndarray) -> np.ndarray:
         """Those rows (3 m, q) of one channel, from its values (samples, 3, q)."""
-        if channel in ("linear", "angular"):
+        if channel == "linear":
+            values = self.wide_operator(values)
+        elif channel == "angular":
             values = self.operator(values)
         return whitened(self.noise[channel], values, self.valid[channel])
+
+    def widened(self, values: np.ndarray) -> np.ndarray:
+        """Linear reading (n, ...) at the epochs of the manoeuvre with pads in which it is zero."""
+        out = np.zeros((self.wide.time.size, *values.shape[1:]))
+        out[self.rows - self.wide_rows.start] = values
+        return out
 
     def at(self, time: np.ndarray) -> Context:
         """Context at any epochs of the manoeuvre."""
@@ -178,11 +193,42 @@ def _manoeuvre(products, index, window, estimates, settings):
     rate_dot = smoothed["smooth_b"].values[smooth] + np.linalg.solve(context.inertia_b, torque.T).T
     context = replace(context, rate_dot_b=rate_dot, angular_b=rate_dot)
     offset, noise = estimates
-    context = replace(context, linear_b=catalogue()["accelerometer.offset"].contribution(context, offset))
     sampled = at_one_hertz(field_, *window.arc.edges[[0, -1]])
     about = sensitivity[:, :, :6], local, sensitivity[:, :3, 6:9], shift, seen
-    now = context, offset, settings["linear_drift_degree"], sampled, orbit
+    pads = _pads(aligned, index, first, last)
+    wide, longer = _wide(aligned, field_, pads, rows, context, orbit), last - first
+    longer = (aligned["time_acc"].values[pads][-1] - aligned["time_acc"].values[pads][0]) / longer
+    read = (aligned["acc_flag"].values == 0) & np.isfinite(aligned["linear_b"].values).all(axis=1)
+    pass_all = operator_for(wide.time, read[pads], wide.time[0], wide.time[-1], *filters)
+    law = catalogue()["accelerometer.offset"]
+    context, wide = (replace(one, linear_b=law.contribution(one, offset)) for one in (context, wide))
+    now = context, wide, pads, pass_all, offset, round(settings["linear_drift_degree"] * longer), sampled, orbit
     return Manoeuvre(index, window, time, rows, operator, *about, noise, *now)
+
+
+def _pads(aligned, index, first, last):
+    """Rows (slice) of the linear reading from before to after a manoeuvre, up to half way to the next one."""
+    start, stop, time = aligned["start"].values, aligned["stop"].values, aligned["time_acc"].values
+    before, after = stop[stop < first], start[start > last]
+    begin = max([first - PADS_S, *((before + first) / 2), aligned["window_start"].values[index]])
+    end = min([last + PADS_S, *((after + last) / 2), aligned["window_stop"].values[index]])
+    return slice(*np.searchsorted(time, [begin, end]))
+
+
+def _wide(aligned, field_, pads, rows, context, orbit):
+    """Context at the epochs of the linear reading; in the pads no torque turns the body, and no current flows."""
+    time, known = aligned["time_acc"].values[pads], np.isfinite(aligned["quaternion"].values).all(axis=1)
+    inside, tags = rows - pads.start, aligned["time_sca"].values[known]
+    attitude = frames.interpolate(tags, aligned["quaternion"].values[known], np.clip(time, tags[0], tags[-1]))
+    R_bi = frames.R_bi_from_quaternion(attitude)
+    inertial = np.stack([np.interp(time, field_["time_orbit"].values, c) for c in field_["field_i"].values.T], axis=1)
+    parts = {"field_b": np.matvec(R_bi, inertial)}
+    for name in ("rate_b", "gradient_b", "rate_dot_b", "angular_b", "dipole_b", "field_b"):
+        own = getattr(context, name)
+        rest = own.mean(axis=0) if name in ("rate_b", "gradient_b") else np.zeros(own.shape[1:])
+        parts.setdefault(name, np.broadcast_to(rest, (time.size, *own.shape[1:])).copy())[inside] = own
+    environment = orbit_environment.extras(time, *orbit, R_bi, context.extra["mass"], np.array([6e-8, 0.0, 0.0]))
+    return replace(context, time=time, **parts, extra=context.extra | environment)
 
 
 def offset_of(solved: xr.Dataset) -> np.ndarray:
@@ -227,12 +273,12 @@ def _context(window, shift, base, orbit, time):
 
 def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings) -> Block:
     """Observed rows, columns of the offset, and local columns of one manoeuvre."""
-    linear, angular = (aligned[name].values[one.rows] for name in ("linear_b", "angular_b"))
+    linear, angular = aligned["linear_b"].values[one.wide_rows], aligned["angular_b"].values[one.rows]
     residual = np.zeros((one.window.time.size, 3))
     residual[one.window.good] = smoothed["sca_residual_b"].values[smoothed["sca_manoeuvre"].values == one.index]
     scale = np.nan_to_num(smoothed["torque_scale"].values[one.index], nan=1.0)
     observed = {
-        "linear": (np.nan_to_num(linear - linear[len(linear) // 2]) - one.context.linear_b)[..., None],
+        "linear": (np.nan_to_num(linear - linear[len(linear) // 2]) - one.wide.linear_b)[..., None],
         "angular": (np.nan_to_num(angular - angular[len(angular) // 2]) - one.context.rate_dot_b)[..., None],
         "attitude": (residual + one.scale_attitude @ (scale - 1))[..., None],
         "magnetometer": one.magnetometer[1][..., None],
@@ -240,7 +286,7 @@ def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings
     return Block(
         label=f"manoeuvre {one.index + 1}",
         observed=one.whitened(observed)[:, 0],
-        global_columns=one.whitened({"linear": catalogue()["accelerometer.offset"].columns(one.context)}),
+        global_columns=one.whitened({"linear": catalogue()["accelerometer.offset"].columns(one.wide)}),
         local_columns=one.whitened(_local(one, settings)),
         channel=np.repeat(CHANNELS, [3 * v.size for v in one.valid.values()]),
         axis=np.concatenate([np.repeat([0, 1, 2], v.size) for v in one.valid.values()]),
@@ -254,25 +300,25 @@ def _steps(one):
     """Steps of the linear reading, {epoch: whitened rows (n, 3)}."""
     grid = one.operator.time
     epochs = np.arange(grid[0] + 6, grid[-1] - 6, STEP_S)
-    shapes = one.operator((one.time[:, None, None] >= epochs).astype(float))[:, 0]
+    shapes = one.wide_operator((one.wide.time[:, None, None] >= epochs).astype(float))[:, 0]
     rows = np.zeros((one.size, epochs.size, 3))
-    first = one.place("linear").start
+    first, count = one.place("linear").start, one.valid["linear"].size
     for axis in range(3):
-        there = slice(first + axis * grid.size, first + (axis + 1) * grid.size)
+        there = slice(first + axis * count, first + (axis + 1) * count)
         rows[there, :, axis] = whiten(one.noise["linear"][axis], shapes, one.valid["linear"])
     return {float(t): rows[:, k] for k, t in enumerate(epochs)}
 
 
 def _local(one, settings):
     """Drift of each channel, start, slow torque and edges of the attitude, edges of the accelerometer."""
-    grid, mag, columns = one.operator.time, one.magnetometer[0], []
+    columns = []
     for channel, time, degree in (
-        ("linear", one.time, settings["linear_drift_degree"]),
+        ("linear", one.wide.time, one.drift_degree),
         ("angular", one.time, settings["angular_drift_degree"]),
-        ("magnetometer", mag, 0),
+        ("magnetometer", one.magnetometer[0], 0),
     ):
         if time.size:
-            ends = (grid[0], grid[-1]) if channel != "magnetometer" else (time[0], max(time[-1], time[0] + 1))
+            ends = time[0], max(time[-1], time[0] + 1)
             shape = least_squares.polynomial(time, degree, *ends)
             columns.append({channel: on_axes(shape)})
     columns.append({"attitude": one.local_attitude})
@@ -304,7 +350,7 @@ def _edge_by_edge(one, jump):
 def at_accelerometer(one: Manoeuvre, alpha: np.ndarray) -> dict[str, np.ndarray]:
     """What angular accelerations (n, 3, q) rad s-2 do to the accelerometer, -alpha x offset in the linear reading."""
     linear = -np.moveaxis(np.cross(np.moveaxis(alpha, 2, 1), one.offset), 1, 2)
-    return {"linear": linear, "angular": alpha}
+    return {"linear": one.widened(linear), "angular": alpha}
 
 
 def of_torque(one: Manoeuvre, torque_of) -> dict[str, np.ndarray]:
@@ -328,8 +374,14 @@ def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray,
     valid, time = one.valid[channel], one.times[channel]
     parts = rows[one.place(channel)].reshape(3, valid.size, -1)
     columns = np.stack([unwhiten(one.noise[channel][a], parts[a], valid) for a in range(3)], axis=1)
-    if channel in ("linear", "angular"):
-        model = one.operator(one.context.linear_b if channel == "linear" else one.context.rate_dot_b)
+    if channel == "linear":
+        model = one.wide_operator(one.wide.linear_b)
+        inside = (time >= one.time[0]) & (time <= one.time[-1])
+        added = np.nan_to_num(columns[:, :, 1] - columns[:, :, 2]) ** 2
+        if added[~inside].sum() < SHOWN * added.sum():
+            time, model, columns = time[inside], model[inside], columns[inside]
+    elif channel == "angular":
+        model = one.operator(one.context.rate_dot_b)
     else:  # all torques once; the field that the attitude predicts
         model = one.scale_attitude.sum(axis=2) if channel == "attitude" else one.at(time).field_b
     return time, model, np.moveaxis(columns, 2, 0)

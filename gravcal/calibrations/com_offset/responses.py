@@ -164,7 +164,8 @@ def _reading(one, entry, values_of):
     if channel == "magnetometer":
         time = one.magnetometer[0]
         return {channel: values_of(one.at(time))} if time.size else None
-    return {channel: values_of(Context(time=one.window.time) if channel == "attitude" else one.context)}
+    there = {"linear": one.wide, "angular": one.context, "attitude": Context(time=one.window.time)}
+    return {channel: values_of(there[channel])}
 
 
 def of_delay(one: Manoeuvre, slug: str) -> Signal | None:
@@ -201,7 +202,7 @@ def _ringing(frequency, damping):
     """Linear reading per ringing dipole on each axis."""
 
     def signal(one):
-        c = one.context
+        c = one.wide
         return {"linear": ringing(c.time, c.dipole_b.sum(axis=1), frequency, damping)[:, None, None] * np.eye(3)}
 
     return signal
@@ -221,11 +222,12 @@ def _mode_shape(views, frequency):
 
 def _drivers(one: Manoeuvre) -> list[Form]:
     """Every driver in the linear and in the angular reading, three axes each."""
-    found, bases = [], _bases(one)
+    found = []
     for channel in UNITS:
+        bases = _bases(one, channel)
         linear = channel == "linear"
-        for k, (driver, form, shape) in enumerate(_series(one)):
-            signal = lambda one, channel=channel, k=k: {channel: on_axes(_series(one)[k][2])}  # noqa: E731
+        for k, (driver, form, shape) in enumerate(_series(one, channel)):
+            signal = lambda one, channel=channel, k=k: {channel: on_axes(_series(one, channel)[k][2])}  # noqa: E731
             base = form if form in bases and linear else ""
             found.append(_unknown(channel, driver, form, shape.shape[1], signal, base=base))
         found += [_of_law(law, values, channel, bases[law.base][0], linear) for law, values in SCREENED]
@@ -239,38 +241,46 @@ def _unknown(channel, driver, form, width, signal, **known):
     return Form(*words, [], signal, **known)
 
 
-def _series(one) -> list[tuple[str, str, np.ndarray]]:
-    """Driver channels, form, and (n, k) 1 of a size near one, on the accelerometer epochs of a manoeuvre."""
-    return one.remembered(("drivers",), _made_series)
+def _series(one, channel) -> list[tuple[str, str, np.ndarray]]:
+    """Driver channels, form, and (n, k) 1 of a size near one, on the epochs of the linear or angular reading."""
+    return one.remembered(("drivers", channel), partial(_made_series, channel=channel))
 
 
-def _made_series(one):
-    bases, c, time = _bases(one), one.context, one.context.time
+def _there(one, channel):
+    """Context of the linear or angular reading of a manoeuvre."""
+    return one.wide if channel == "linear" else one.context
+
+
+def _made_series(one, channel):
+    bases, c = _bases(one, channel), _there(one, channel)
+    time, since, length = c.time, c.time - one.time[0], one.time[-1] - one.time[0]
     current, sine = bases[CURRENT][1], np.sin(bases[LATITUDE][1])
     angle = np.cumsum((c.rate_b - c.rate_b.mean(axis=0)) * np.diff(time, prepend=time[0])[:, None], axis=0)
     angle = (angle - angle.mean(axis=0)) / max(np.abs(angle).max(), 1e-30)
     rate = np.stack([bases[f"rate {a}"][1] for a in "xyz"], axis=1)
-    field, u = c.field_b * 2e4, (time - time[0]) / (time[-1] - time[0])
+    field = c.field_b * 2e4
     rows = [("torquer_current", f"hysteresis of {w:g} of full", play(current, w)) for w in PLAY]
     strength = np.linalg.norm(field, axis=1)
     rows.append(("torquer_current*field", "current times field strength", current * strength))
     rows += [("torquer_current*field", f"current times field {'xyz'[i]}", current * field[:, i]) for i in range(3)]
     rows.append(("torquer_current*latitude", "current times sine of latitude", current * sine))
-    rows.append(("torquer_current*time", "current growing along the manoeuvre", current * (u - 0.5)))
+    rows.append(("torquer_current*time", "current growing along the manoeuvre", current * (since / length - 0.5)))
     rows += [(name, *one) for name, values in (("rate", rate), ("attitude", angle)) for one in products(values)]
     rows += [(name, form, values) for form, (name, values) in bases.items()]
-    rows += [("time", f"decay {t:g} s from the start", np.exp(-(u * 180.0) / t)) for t in SETTLING_S]
+    decays = [(t, np.where(since >= 0, np.exp(-np.maximum(since, 0.0) / t), 0.0)) for t in SETTLING_S]
+    rows += [("time", f"decay {t:g} s from the start", values) for t, values in decays]
     rows.append(("time", "saw-tooth of the second", (time % 1.0) - 0.5))
     return [(driver, form, values.reshape(len(values), -1)) for driver, form, values in rows]
 
 
-def _bases(one) -> dict[str, tuple[str, np.ndarray]]:
-    """Measured series of a size near one that laws are made of: {words: (driver, (n,))}."""
-    return one.remembered(("bases",), _made_bases)
+def _bases(one, channel) -> dict[str, tuple[str, np.ndarray]]:
+    """Measured series of a size near one that laws of a reading are made of: {words: (driver, (n,))}."""
+    return one.remembered(("bases", channel), partial(_made_bases, channel=channel))
 
 
-def _made_bases(one):
-    c, time = one.context, one.context.time
+def _made_bases(one, channel):
+    c = _there(one, channel)
+    time = c.time
     current = c.dipole_b.sum(axis=1) / max(np.abs(c.dipole_b).max(), 1e-30)
     rate, place = c.rate_b - c.rate_b.mean(axis=0), [np.interp(time, one.orbit[0], p) for p in one.orbit[1].T]
     angle = np.cumsum(rate * np.diff(time, prepend=time[0])[:, None], axis=0)
@@ -294,11 +304,11 @@ SCREENED += [(Law(CURRENT, "the square of {}"), ())]
 SCREENED += [(Law(LATITUDE, WAVES), (k,)) for k in (4.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0)]
 
 
-def _values(law: Law, one: Manoeuvre, constants) -> np.ndarray:
-    """Values (n, w) of a law in a manoeuvre, before which the current is off."""
-    bases, rested = _bases(one), law.base in (CURRENT, CHANGE)
+def _values(law: Law, one: Manoeuvre, channel: str, constants) -> np.ndarray:
+    """Values (n, w) of a law in a reading of a manoeuvre, before which the current is off."""
+    bases, rested = _bases(one, channel), law.base in (CURRENT, CHANGE)
     off = np.abs(bases[CURRENT][1]) < 0.05
-    return law.values(one.context.time, bases[law.base][1], constants, off=off, rested=rested)
+    return law.values(_there(one, channel).time, bases[law.base][1], constants, off=off, rested=rested)
 
 
 def _wider(form, views, smoothed, starts):
@@ -311,7 +321,7 @@ def _wider(form, views, smoothed, starts):
 
 def _of_law(law, constants, channel, driver, screened=False):
     """Form of a law with its constants."""
-    signal = lambda one: {channel: on_axes(_values(law, one, constants))}  # noqa: E731
+    signal = lambda one: {channel: on_axes(_values(law, one, channel, constants))}  # noqa: E731
     known = {"law": law, "constants": tuple(map(float, constants)), "base": law.base if screened else ""}
     return _unknown(channel, driver, law.told(constants), law.width, signal, **known)
 
@@ -319,7 +329,8 @@ def _of_law(law, constants, channel, driver, screened=False):
 def _law_shape(views, form):
     """Shape of a law about the constants that were tried."""
     law, channel, value = form.law, form.form.split()[0], np.array(form.constants)
-    columns = lambda v: [*(one.whitened({channel: on_axes(_values(law, one, v))}) for one in views), None]  # noqa: E731
+    signal = lambda one, v: {channel: on_axes(_values(law, one, channel, v))}  # noqa: E731
+    columns = lambda v: [*(one.whitened(signal(one, v)) for one in views), None]  # noqa: E731
     lower, upper = np.transpose([CONSTANTS[name][2] for name in law.names])
     steps = (0.98, 1.0, 1.02) if "cycles" in law.names else (0.6, 1.0, 1.6)
     tried = np.clip(np.array(list(itertools.product(*[[s * v for s in steps] for v in value]))), lower, upper)
@@ -369,8 +380,9 @@ def waves(entry: Entry, views: list[Manoeuvre], blocks: list[Block]) -> tuple[Wa
                 continue
             rows = (block.channel == channel) & (block.axis == axis)
             wanted = _sine_and_cosine(2 * np.pi * values["frequency"] * block.time[rows]) @ [values[n] for n in names]
-            signal = np.zeros((one.time.size, 3, 2))
-            signal[:, axis] = _sine_and_cosine(2 * np.pi * values["frequency"] * (one.time - one.time[0]))
+            since = _there(one, channel).time - one.time[0]
+            signal = np.zeros((since.size, 3, 2))
+            signal[:, axis] = _sine_and_cosine(2 * np.pi * values["frequency"] * since)
             columns = one.whitened({channel: signal})[rows]
             used = np.any(columns != 0, axis=1)
             sizes[letter] = tuple(np.linalg.lstsq(columns[used], wanted[used], rcond=None)[0].tolist())
@@ -393,8 +405,9 @@ def amplitudes(entry: Entry, views: list[Manoeuvre]) -> dict[str, Parameter]:
         for cosine, sine, one in (row for row in names if row[0] in parameters and row[1] in parameters):
             squares += [parameters[n].value ** 2 for n in (cosine, sine)]
             errors += [parameters[n].sigma ** 2 for n in (cosine, sine)]
-            signal = np.zeros((one.time.size, 3, 1))
-            signal[:, axis, 0] = np.sqrt(2) * np.sin(phase * one.time)
+            time = _there(one, channel).time
+            signal = np.zeros((time.size, 3, 1))
+            signal[:, axis, 0] = np.sqrt(2) * np.sin(phase * time)
             rows = one.whitened({channel: signal})[:, 0]
             sizes.append(float(np.sqrt(np.mean(rows[rows != 0] ** 2))))
         if sizes:
@@ -418,21 +431,23 @@ def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
         known = [w for w in entry.waves if abs(w.start - one.time[0]) < 5.0]
         if not known:  # the phase is not known here
             return {}
-        unit = _sine_and_cosine(2 * np.pi * entry.values["frequency"] * (one.time - known[0].start))
+        since = _there(one, known[0].channel).time - known[0].start
+        unit = _sine_and_cosine(2 * np.pi * entry.values["frequency"] * since)
         axes = [np.zeros(2) if size is None else np.array(size) for size in (known[0].x, known[0].y, known[0].z)]
         return {known[0].channel: np.stack([unit @ size for size in axes], axis=1)}
     if not entry.listed:
         told = entry.form.partition(" reading, ")[2]
-        found = (law for base in _bases(one) for law in laws(base, base == LATITUDE) if law.tells(told))
+        channel = entry.form.split()[0]
+        found = (law for base in _bases(one, channel) for law in laws(base, base == LATITUDE) if law.tells(told))
         law = next(found, None)
         forms = [f for f in _drivers(one) if (f.cause, f.form) == (entry.cause, entry.form)]
         if law is not None:
-            constants, channel = [entry.values[name] for name in law.names], entry.form.split()[0]
+            constants = [entry.values[name] for name in law.names]
             forms = [_of_law(law, constants, channel, entry.cause.partition(":")[2])]
         sizes = [np.array([entry.values.get(name, 0.0) for name in form.names]) for form in forms[:1]]
         added = {c: v @ size for form, size in zip(forms, sizes, strict=False) for c, v in form.signal(one).items()}
         if "linear" in added:
-            drift = least_squares.polynomial(one.time, one.drift_degree, *one.time[[0, -1]])
+            drift = least_squares.polynomial(one.wide.time, one.drift_degree, *one.wide.time[[0, -1]])
             added["linear"] = least_squares.without(drift, added["linear"])
         return added
     known = effect(entry.cause)
@@ -456,7 +471,7 @@ def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry])
     """Aligned records without the effects of a model, so that the baseline describes what is left.
 
     To first order in the effects: readings less their contribution, attitude less the rotation that an extra torque
-    makes, tags less their delay. Nothing outside the manoeuvres changes but the tags.
+    makes, tags less their delay. Nothing outside the manoeuvres and their pads changes but the tags.
     """
     extended = aligned.copy(deep=True)
     for entry in sorted(model, key=lambda e: e.cause == lag.CAUSE):  # what is left says where edges fall
@@ -476,9 +491,9 @@ def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry])
 
 def _subtract(extended, one, added, turned):
     """Contribution taken out of the records, in place; where the body itself turned, the field turns with it."""
-    for channel, name in (("linear", "linear_b"), ("angular", "angular_b")):
+    for channel, name, rows in (("linear", "linear_b", one.wide_rows), ("angular", "angular_b", one.rows)):
         if channel in added:
-            extended[name].values[one.rows] -= added[channel]
+            extended[name].values[rows] -= added[channel]
     if "attitude" in added:
         rows, angle = _angle(extended["time_sca"].values, one.window.time, added["attitude"])
         values = extended["quaternion"].values

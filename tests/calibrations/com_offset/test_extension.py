@@ -67,14 +67,12 @@ def test_an_offset_that_moves_is_that_at_the_middle_of_the_manoeuvres(moving):
     np.testing.assert_allclose(1e6 * offset, moving[3]["offset_um"], atol=8.0)
 
 
-def test_a_decay_that_the_drift_takes_up_moves_no_offset(moving):
-    """Recovery: 1.3e-6 m s-2 by 80 s in z, seen to a thousandth beside a free drift; x moved by 23 um without that."""
+def test_a_wave_that_the_drift_takes_up_moves_no_offset(moving):
+    """Recovery: 1.3e-6 m s-2 by twelve waves in the latitude in z, seen to a thousandth beside a free drift."""
     found, made, chosen, _ = moving
-    sizes = {
-        f"linear_{axis}": Parameter(size, 1e-7, "m s-2") for axis, size in zip("xyz", (0, 0, -1.3e-6), strict=True)
-    }
-    entry = Entry("unknown:time", "linear reading, decay 80 s from the start", sizes)
-    assert 1e-11 < np.abs(responses.contribution(found.views[0], entry)["linear"][:, 2]).max() < 1e-8
+    sizes = {"linear_z_0": Parameter(-1.3e-6, 1e-7, "m s-2"), "cycles": Parameter(12.0, 0.1, "")}
+    entry = Entry("unknown:latitude", "linear reading, waves in the latitude, cycles 12", sizes)
+    assert 1e-13 < np.abs(responses.contribution(found.views[0], entry)["linear"][:, 2]).max() < 1e-8
     before, after = (offset_of(made, chosen, one) for one in (made["align"], found.without([entry])))
     np.testing.assert_allclose(1e6 * after, 1e6 * before, atol=1.0)
 
