@@ -36,15 +36,6 @@ def test_an_sgrs_file_reads_back_exactly_and_twice_the_same_bytes(tmp_path, sens
     assert read["angular"].attrs["units"] == "rad s-2"
 
 
-def test_positions_and_velocities_of_no_orbit_are_missing(tmp_path):
-    """Contract: 1e300 m is not a place; other rows stay."""
-    spoiled = columns()
-    spoiled["position"][4, 0], spoiled["velocity"][7, 2] = 1e300, -1e6
-    read = daily.read_sgrs(written(tmp_path, position=spoiled["position"], velocity=spoiled["velocity"]))
-    for name, row in (("position", 4), ("velocity", 7)):
-        assert_array_equal(np.flatnonzero(np.isnan(read[name].values).all(axis=1)), [row])
-
-
 def test_other_writers_are_read(tmp_path):
     """Contract: netCDF-4 by plain xarray, single precision."""
     one = written(tmp_path)
@@ -56,8 +47,8 @@ def test_other_writers_are_read(tmp_path):
         daily.sgrs_file(tmp_path)
 
 
-def test_records_out_of_order_are_sorted_and_contradictions_left_out(tmp_path):
-    """Contract: as for Level-1 files; a repeated record is read once, one that contradicts it is not used."""
+def test_records_are_sorted_and_contradictions_and_places_of_no_orbit_left_out(tmp_path):
+    """Contract: a repeated record is read once, one that contradicts it is not used; 1e300 m is no place."""
     given = columns()
     time = given["time"].copy()
     time[[4, 5]] = time[[5, 4]]
@@ -67,6 +58,11 @@ def test_records_out_of_order_are_sorted_and_contradictions_left_out(tmp_path):
     assert read["time"].size == time.size - 1
     assert np.all(read["linear"].values[4] == given["linear"][5])
     assert np.isnan(read["linear"].values[10]).all()
+    spoiled = columns()
+    spoiled["position"][4, 0], spoiled["velocity"][7, 2] = 1e300, -1e6
+    read = daily.read_sgrs(written(tmp_path, position=spoiled["position"], velocity=spoiled["velocity"]))
+    for name, row in (("position", 4), ("velocity", 7)):
+        assert_array_equal(np.flatnonzero(np.isnan(read[name].values).all(axis=1)), [row])
 
 
 def records(tmp_path, start=706111200.0, count=50):
@@ -138,15 +134,8 @@ def test_a_wrong_file_is_refused_with_what_was_found(tmp_path, product, change, 
         read(one)
 
 
-@pytest.mark.parametrize(("wrong", "words"), [(columns(3), "3 sensors"), ({"q": np.zeros((20, 3))}, "q of shape")])
-def test_wrong_shapes_are_refused(tmp_path, wrong, words):
-    """Contract: sensors and components are counted."""
-    with pytest.raises(ProductError, match=words):
-        daily.read_sgrs(written(tmp_path, **wrong))
-
-
 def test_what_is_no_file_and_no_folder_is_refused(tmp_path):
-    """Contract: the remedy is named."""
+    """Contract: the remedy is named; sensors and components are counted."""
     with pytest.raises(ProductError, match="IS1, ATT and ORB"):
         daily.days(tmp_path)
     one = written(tmp_path)
@@ -162,3 +151,6 @@ def test_what_is_no_file_and_no_folder_is_refused(tmp_path):
             look(tmp_path / "none")
     with pytest.raises(ProductError, match="no SGRS file of 2021-01-01"):
         daily.sgrs_file(tmp_path, "2021-01-01")
+    for wrong, words in ((columns(3), "3 sensors"), ({"q": np.zeros((20, 3))}, "q of shape")):
+        with pytest.raises(ProductError, match=words):
+            daily.read_sgrs(written(tmp_path, **wrong))

@@ -30,17 +30,13 @@ def member(tmp_path, attitude_file):
     return _packed(tmp_path / "gracefo_1B_2023-06-01_RL04.ascii.noLRI.tgz", members)
 
 
-def test_members_of_archives_are_found_and_read(member, attitude):
-    """Contract: without extraction, AppleDouble twins and reports left out."""
+def test_members_are_found_and_read_after_loose_files_and_newer_releases(member, attitude):
+    """Contract: without extraction, AppleDouble twins and reports left out; release first, then loose files."""
     files = inventory(member.parent)
     assert [f.name for f in files] == ["SCA1B_2023-06-01_C_04.txt"]
     assert_array_equal(read(files[0]).quatangle, attitude["quatangle"])
     assert sorted(p.name for p in member.parent.iterdir()) == [member.name]
     assert_array_equal(read(member, "SCA1B").quatangle, attitude["quatangle"])
-
-
-def test_loose_files_come_before_archived_ones_and_new_releases_first(member, attitude):
-    """Contract: release first, then loose before archived."""
     loose = write(attitude, member.parent / file_name("SCA1B", "2023-06-01", "C"))
     assert find(member.parent, "SCA1B", "C").path == loose
     newer = write(attitude, member.parent / file_name("SCA1B", "2023-06-01", "C", "05"))

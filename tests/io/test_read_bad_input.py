@@ -122,20 +122,17 @@ def test_a_file_of_another_product_satellite_or_day_is_refused(tmp_path, attitud
     read(write(acceleration, tmp_path / "ACC1A_2023-05-31_C_04.txt"))
 
 
-def test_a_product_flag_that_does_not_fit_the_record_is_refused(acceleration_file):
-    """Contract: one more bit with one column missing; bit 30 of ACC1A, which stands for nothing."""
-    whole = acceleration_file.read_bytes()
+def test_flags_that_do_not_fit_and_tags_of_another_time_scale_are_refused_and_one_is_flagged(acceleration_file):
+    """Contract: a bit more with a column missing, one that stands for nothing; of tags G for R one costs no day."""
+    clean = acceleration_file.read_bytes()
     _damaged(acceleration_file, _replaced(4, FIELDS, b"00000100000000000000000001111111"))
     _refused(acceleration_file, f"line {_line(acceleration_file, 4)}", "columns")
-    acceleration_file.write_bytes(whole)
+    acceleration_file.write_bytes(clean)
     undefined = b"01" + FIELDS[2:]
     change = lambda lines: [line.replace(FIELDS, undefined).rstrip() + b" 1.0\n" for line in lines]  # noqa: E731
     _refused(_damaged(acceleration_file, change), "30", "prod_flag")
-
-
-def test_tags_of_another_time_scale_are_refused_and_one_is_flagged(acceleration_file):
-    """Contract: ACC1A holds receiver tags, R; a day is not lost for one G, which keeps its values and is not used."""
-    clean, whole = acceleration_file.read_bytes(), read(acceleration_file)
+    acceleration_file.write_bytes(clean)
+    whole = read(acceleration_file)
     _damaged(acceleration_file, lambda lines: [line.replace(b"  R  ", b"  G  ") for line in lines])
     _refused(acceleration_file, "time_ref", "G")
     acceleration_file.write_bytes(clean)

@@ -110,25 +110,17 @@ def test_daily_archives_hold_what_the_loose_files_hold(measured):
             _same(read(member), read(loose[member.name]))
 
 
-def test_headers_that_say_little_or_wrong(measured):
-    """Contract: num_records 0 is a file like others; the measured VGN1B of D says GRACE C, its records say D."""
+def test_headers_signs_of_missions_and_clean_records_are_understood(measured):
+    """Published: GRACE-FO nA + nB, GRACE nA - nB (formats.md, 2.4); only a clock record that comes twice is flagged."""
     observed = read(measured / "gracefo-2023-06-01" / "ACT1B_2024-04-01_D_04.txt")
     assert observed.sizes["record"] == 0
     assert observed.lin_accl_x.dtype == float
     observed = read(measured / "gracefo-2018-05-22" / "VGN1B_2018-05-22_D_04.txt")
     assert (observed.attrs["satellite"], observed.attrs["header_satellite"]) == ("D", "C")
-
-
-def test_torquer_current_has_the_sign_of_the_mission(measured):
-    """Published: GRACE-FO nA + nB, GRACE nA - nB (formats.md, 2.4)."""
     new = read(find(measured / "gracefo-2023-06-01", "MAG1B", "C", "2023-06-01"))
     old = read(find(measured / "grace-2003-09-14" / "binary", "MAG1B", "A"))
     assert_array_equal(new.current_b[0], [4.621397018432617, -2.094727039337158, 1.34342896938324])
     assert_array_equal(old.current_b[0], [0 - 12.83203125, 0.3515625 - 3.427734375, 0 - 6.15234375])
-
-
-def test_clean_measured_records_carry_no_doubt(measured):
-    """Contract: nothing but the first record of the clock files, which comes twice, is flagged."""
     for product in ("ACC1A", "SCA1A", "SCA1B", "MAG1A", "MAG1B", "GNV1B", "GNI1B", "IMU1A", "KBR1B", "THR1B", "TIM1B"):
         for file in (f for f in inventory(measured / "gracefo-2023-06-01") if f.product == product):
             assert not read(file).flag.any(), file.name

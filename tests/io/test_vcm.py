@@ -14,8 +14,8 @@ MEASURED = Path(__file__).parents[3] / "shared" / "data" / "gracefo-2018-05-22"
 OFFSET = [107.2e-6, 3.7e-6, -12.4e-6]
 
 
-def test_a_line_written_and_read_is_the_same_to_the_last_digit():
-    """Analytic: round trip of random numbers; fields as in a sequence of events: time, spacecraft, name, 3, x, y, z."""
+def test_lines_written_and_lines_of_the_handbook_are_read_to_the_last_digit():
+    """Published: sequence of events of GRACE, Level 1B handbook v1.3, section 4.8; round trip of random numbers."""
     line = vcm.vector_line(633830400.0, "C", OFFSET, comment="grace-c-2020-02-01,\n mtq")
     assert line.split()[:4] == ["633830400.0", "GRACEC", "VCM", "3"]
     assert line.endswith("grace-c-2020-02-01, mtq")
@@ -25,10 +25,6 @@ def test_a_line_written_and_read_is_the_same_to_the_last_digit():
         record = vcm.read_line(vcm.vector_line(time, satellite, vector, comment="a b"))
         assert (record.time, record.satellite, record.name, record.comment) == (time, satellite, "VCM", "a b")
         assert_array_equal(record.values, vector)
-
-
-def test_real_lines_are_read():
-    """Published: lines of the GRACE sequence-of-events file, Level 1B handbook v1.3, section 4.8."""
     record = vcm.read_line("73346640.0  GRACEA VCM  3  -0.2350e-3  0.12561e-3  -0.11442e-3\n")
     assert_array_equal(record.values, [-0.2350e-3, 0.12561e-3, -0.11442e-3])
     assert record.comment == ""
