@@ -40,15 +40,6 @@ def example(**changes):
     return dataset.assign(**changes)
 
 
-def test_the_schema_puts_its_labels_on(kind):
-    """Contract: units, frame and meaning come from the schema, time is GPS seconds by the CF convention."""
-    labelled = product.check(example(), kind)
-    assert labelled["field_b"].attrs == {"units": "T", "frame": "b", "long_name": "magnetic flux density"}
-    assert labelled["time"].attrs["units"] == "seconds since 2000-01-01 12:00:00"
-    assert labelled["time"].attrs["units_metadata"] == "leap_seconds: none"
-    assert labelled["time"].attrs["time_scale"] == "GPS"
-
-
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
@@ -67,14 +58,19 @@ def test_what_contradicts_the_schema_is_refused(kind, changes, message):
         product.check(example(**changes), kind)
 
 
-def test_what_is_missing_unheard_of_or_said_twice_is_refused(kind):
-    """Contract: the message lists what is missing; every product has a schema, and one name has one meaning."""
+def test_the_schema_puts_its_labels_on_and_what_is_missing_or_said_twice_is_refused(kind):
+    """Contract: units, frame and meaning of the schema, GPS seconds by CF; a schema for every product, one a name."""
     with pytest.raises(ProductError, match="missing: flag;"):
         product.check(example().drop_vars("flag"), kind)
     with pytest.raises(ProductError, match="no schema is registered"):
         product.check(example(), "test.unheard")
     with pytest.raises(ProductError, match="registered twice"):
         product.register(kind, {})
+    labelled = product.check(example(), kind)
+    assert labelled["field_b"].attrs == {"units": "T", "frame": "b", "long_name": "magnetic flux density"}
+    assert labelled["time"].attrs["units"] == "seconds since 2000-01-01 12:00:00"
+    assert labelled["time"].attrs["units_metadata"] == "leap_seconds: none"
+    assert labelled["time"].attrs["time_scale"] == "GPS"
 
 
 def test_a_file_opens_with_netcdf4_and_plain_xarray_and_keeps_everything(kind, tmp_path):
