@@ -83,17 +83,13 @@ def test_every_quantity_of_every_satellite_has_unit_frame_sigma_and_source():
         assert set(catalog.satellite(name).quantities) == set(tables)
 
 
-def test_settings_are_plain_numbers_with_sigmas_beside_them():
-    """Contract: settings of a stage are floats and lists, so that they can stand in a key."""
+def test_settings_are_plain_numbers_and_what_is_assumed_says_so():
+    """Contract: floats and lists, which can stand in a key; assumed inertia has a prior; QSA1B to its digits."""
     settings = catalog.satellite("C").settings("inertia", "mass_at_launch")
     assert settings["mass_at_launch"] == 600.2
     assert settings["inertia"][1][1] == 580.67
     assert sorted(settings) == ["inertia", "inertia_sigma", "mass_at_launch", "mass_at_launch_sigma"]
     assert isinstance(settings["inertia"][0], list)
-
-
-def test_inertia_says_that_it_is_assumed_and_mountings_are_unit_quaternions():
-    """Contract: what no source gives says so, with a prior; QSA1B as published, rounding of stored numbers 1e-14."""
     for letter in "CD":
         one = catalog.satellite(letter)
         assert one.inertia.source.startswith("assumed, no source reached")
@@ -175,20 +171,13 @@ def test_a_broken_file_says_file_key_found_and_expected(own_folder, kind, text, 
         ask("zed")
 
 
-def test_all_centre_of_mass_events_of_the_paper_are_there():
-    """Published: 20 dates of GRACE-C in Table 9, one of GRACE-D in Table 8 of 10.3390/rs14164030."""
+def test_all_centre_of_mass_events_of_the_paper_and_their_manoeuvres_are_there():
+    """Published: 10.3390/rs14164030, Tables 2, 3, 8, 9 and Sec. 4.2: 180 s at 12 s; the first 04:52:49 to 04:55:49."""
     of_c = catalog.events(satellite="C", calibration="com_offset")
     assert len(of_c) == 20
     assert of_c[0].date == datetime.date(2018, 6, 6)
     assert of_c[-1].date == datetime.date(2022, 2, 20)
     assert [e.name for e in catalog.events(satellite="grace-d", calibration="com_offset")] == ["grace-d-2018-06-06"]
-
-
-def test_a_session_has_seven_manoeuvres_in_the_printed_areas():
-    """Published: 10.3390/rs14164030, Tables 2 and 3: 3 pitch, 2 roll, 2 yaw of 180 s at 12 s; Sec. 4.2: the first.
-
-    It lasts from 04:52:49 to 04:55:49; the printed time stays beside its unknown scale.
-    """
     event, counts = catalog.event("grace-c-2020-02-01"), {}
     for entry in event.designed:
         counts[entry.kind] = counts.get(entry.kind, 0) + entry.count
@@ -201,8 +190,8 @@ def test_a_session_has_seven_manoeuvres_in_the_printed_areas():
     assert first["time_scale"] == "not stated"
 
 
-def test_impossible_dates_are_corrected_or_unknown_and_marked():
-    """Published: erratum K-5; the printed date stays beside the catalogue's; no event lies before a launch."""
+def test_dates_are_corrected_or_unknown_and_files_follow_from_the_design():
+    """Published: erratum K-5, the printed date stays; no event before a launch; six products, or both of a pair."""
     late = catalog.event("grace-d-2020-08-26")
     assert (late.date_status, late.date_as_printed) == ("corrected", datetime.date(2022, 8, 26))
     early = catalog.event("grace-ab-2002-unknown")
@@ -212,10 +201,6 @@ def test_impossible_dates_are_corrected_or_unknown_and_marked():
     for entry in catalog.events():
         for name in entry.satellites:
             assert entry.date is None or entry.date > catalog.satellite(name).launched
-
-
-def test_the_files_of_an_event_follow_from_its_design():
-    """Contract: six products of one satellite for the offset; both satellites and the ranging for the antenna."""
     names = [raw.name for raw in catalog.event("grace-d-2018-06-06").raw_files]
     assert names[0] == "ACC1A_2018-06-06_D_04.txt"
     assert len(names) == 6
