@@ -21,18 +21,14 @@ def adopted(offset, sigma):
     return {"adopted": {"variant": "mtq"}, "variants": {"mtq": {"offset_um": offset, "sigma_um": sigma}}}
 
 
-def test_the_difference_of_nested_solutions_scatters_by_its_sigma():
-    """Recovery: half of the data against all of it, weighed alike: rms of in_sigma is one within 3 standard errors."""
+def test_the_difference_of_nested_solutions_has_a_sigma_and_equal_errors_none():
+    """Recovery: half of the data against all, rms of in_sigma one within 3 errors; null, never divided by nothing."""
     rng, found = np.random.default_rng(1), []
     for _ in range(1000):
         data = rng.normal(size=40)
         half, whole = (Value("", "x", "m", d.mean(), d.size**-0.5, None) for d in (data[:20], data))
         found.append(comparison.difference(half, whole)["in_sigma"])
     assert np.sqrt(np.mean(np.square(found))) == pytest.approx(1, abs=3 / np.sqrt(2000))
-
-
-def test_equal_errors_say_nothing_of_the_difference_in_its_sigma():
-    """Contract: null, never a division by nearly zero; the difference stays, also in sigma of the first."""
     same = comparison.difference(Value("", "x", "um", 1.0, 2.0, 9.0), Value("", "x", "um", 2.0, 2.001, 9.0))
     assert (same["difference"], same["sigma"], same["in_sigma"], same["in_sigma_of_first"]) == (1.0, None, None, 0.5)
     for unknown in (Value("", "x", "um", None, None, None), Value("", "x", "um", 1.0, None, None)):

@@ -57,8 +57,8 @@ def test_a_finding_is_folded_over_the_period_that_it_has(added, parameters, peri
     assert ("Folded over" in discovery.caption(product, 0, {})) == bool(period)
 
 
-def test_a_panel_shows_reading_and_difference_in_units():
-    """Contract: measured, simulated, extended in nm s-2 above; what either leaves below, with a prefix of its own."""
+def test_a_panel_shows_reading_and_difference_in_units_and_what_is_not_named_no_model():
+    """Contract: measured, simulated, extended; what either leaves, with a prefix; the least likely band unexplained."""
     figure = discovery.reading(found(follows), 0)
     assert [panel.get_ylabel() for panel in figure.axes] == ["linear y (nm s⁻²)", "difference (pm s⁻²)"]
     names = set(figure.axes[0].get_legend_handles_labels()[1])
@@ -66,10 +66,6 @@ def test_a_panel_shows_reading_and_difference_in_units():
     left = {bars.get_label(): bars.lines[0].get_ydata() for bars in figure.axes[1].containers}
     assert np.abs(left["simulated without it"]).mean() == pytest.approx(100, rel=0.1)  # pm s-2
     assert np.abs(left["extended model"]).max() < 10
-
-
-def test_what_is_not_named_or_helps_no_reading_has_no_model_and_no_panel():
-    """Contract: the channel's own name beside the scale; the least likely band of an unexplained residual."""
     product = found(follows, axes=1, number=-1)
     figure = discovery.reading(product, -1)
     assert figure.axes[0].get_ylabel() == "range (nm)"

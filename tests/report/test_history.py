@@ -24,10 +24,10 @@ def made(points):
     return history.history("Offset", [*points, *timeline.printed_points(load("com_offset"), "C")], trims, 100.0)
 
 
-def test_the_history_holds_every_printed_event_and_trim():
+def test_the_history_holds_every_printed_event_and_trim_and_each_unit_its_table():
     """Published: 20 rows of Table 9 and four trims of Table 4, ours in a row of its own beside that of its day.
 
-    A trim stands between the events it separates; a row is what JSON can hold.
+    A trim stands between the events it separates; a row is what JSON can hold; 1e-5 and micrometres of one satellite.
     """
     rows, html = made([point()])
     assert sum(row["kind"] == "printed" for row in rows) == 3 * 20
@@ -38,6 +38,10 @@ def test_the_history_holds_every_printed_event_and_trim():
     dates = [row["date"] for row in rows]
     assert dates == sorted(dates)
     assert all(isinstance(value, (str, float, int, type(None))) for row in rows for value in row.values())
+    scale = point("k x", unit="m s-2 V-1", value=1.2345e-5, sigma=1.2e-9, satellite="T")
+    _, html = history.history("Sensor", [point("offset x", satellite="T"), scale])
+    assert html.count("<table") == 2
+    assert "1.234e-05 ± 1.2e-09" in html
 
 
 @pytest.mark.parametrize("mood", ["questionable", "simulated", "mixed"])
@@ -48,11 +52,3 @@ def test_what_is_no_measured_delivery_has_a_row_and_mark_of_its_own(mood):
     assert sorted(own) == sorted(["measured", "printed", mood])
     assert f'<td class="word ">{history.MARKS[mood][2]}</td>' in html
     assert html != made([point(), point()])[1]
-
-
-def test_each_unit_has_a_table_and_small_numbers_keep_their_digits():
-    """Contract: scale factors of 1e-5 and offsets of micrometres of one satellite."""
-    scale = point("k x", unit="m s-2 V-1", value=1.2345e-5, sigma=1.2e-9, satellite="T")
-    _, html = history.history("Sensor", [point("offset x", satellite="T"), scale])
-    assert html.count("<table") == 2
-    assert "1.234e-05 ± 1.2e-09" in html
