@@ -17,11 +17,27 @@ NUMBER = re.compile(r"[-+]?\d+\.\d+")
 TOLERANCE_UM = 0.6  # half a sigma of x; what moves more deserves another README
 
 
-def test_make_has_every_target_named():
-    """Contract: each `make TARGET` of the pages is in the Makefile."""
+def test_targets_settings_errata_and_extras_that_pages_name_exist():
+    """Contract: `make TARGET`, the table of com_offset, errata in the code, extras with what a recipe imports."""
     named = {name for page in PAGES for name in re.findall(r"(?:^    |`)make (\w+)", page.read_text(), re.MULTILINE)}
     assert {"demo", "test"} <= named
     assert named <= set(re.findall(r"^(\w+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    table = (ROOT / "docs" / "com_offset.md").read_text().partition("## Settings")[2].partition("## Limits")[0]
+    rows = [row for row in table.splitlines() if row.startswith("| ") and "`" in row]
+    named = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
+    assert named == set(tomllib.loads((ROOT / "catalog" / "parameters" / "com_offset.toml").read_text()))
+    listed = set(re.findall(r"\*\*([CKST]-\d+)\*\*", (ROOT / "docs" / "equations.md").read_text()))
+    sources = [path for top in ("gravcal", "catalog", "docs") for path in (ROOT / top).rglob("*.*")]
+    texts = [path.read_text() for path in sources if path.suffix in (".py", ".toml", ".md")]
+    cited = {name for text in texts for name in re.findall(r"errat(?:um|a) ([CKST]-\d+)", text)}
+    assert cited <= listed
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    page = (ROOT / "docs" / "scale.md").read_text()
+    for extra, module in (("slurm", "dask_jobqueue"), ("kubernetes", "dask_kubernetes"), ("s3", "s3fs")):
+        assert f"gravcal[{extra}]" in page
+        assert module.replace("_", "-") in page or module in page
+        assert extras[extra][0].startswith(module.replace("_", "-"))
+    assert "### Slurm and Kubernetes (not run here)" in page
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -34,23 +50,6 @@ def test_every_link_leads_to_a_file(page):
     assert not missing + [path for path in paths if not (ROOT / path).exists()]
 
 
-def test_every_setting_of_the_method_page_exists():
-    """Contract: the table of settings names all parameters of com_offset and no other."""
-    table = (ROOT / "docs" / "com_offset.md").read_text().partition("## Settings")[2].partition("## Limits")[0]
-    rows = [row for row in table.splitlines() if row.startswith("| ") and "`" in row]
-    named = {name for row in rows for name in re.findall(r"`(\w+)`", row)}
-    assert named == set(tomllib.loads((ROOT / "catalog" / "parameters" / "com_offset.toml").read_text()))
-
-
-def test_the_pages_name_no_erratum_that_is_not_listed():
-    """Contract: an erratum cited anywhere in the code stands in docs/equations.md."""
-    listed = set(re.findall(r"\*\*([CKST]-\d+)\*\*", (ROOT / "docs" / "equations.md").read_text()))
-    sources = [path for top in ("gravcal", "catalog", "docs") for path in (ROOT / top).rglob("*.*")]
-    texts = [path.read_text() for path in sources if path.suffix in (".py", ".toml", ".md")]
-    cited = {name for text in texts for name in re.findall(r"errat(?:um|a) ([CKST]-\d+)", text)}
-    assert cited <= listed
-
-
 def test_the_readme_needs_no_paper_to_be_read():
     """Contract: no number of an erratum, no power of ten without a unit; what is proven on which data is a table."""
     text = PAGES[0].read_text()
@@ -60,17 +59,6 @@ def test_the_readme_needs_no_paper_to_be_read():
     assert all(f"docs/images/{name}.png" in screen for name in ("report", "discovery"))
     proven = text.partition("## What is proven")[2]
     assert all(f"`{name}`" in proven.partition("\n## ")[0] for name in known() if name != "routine")
-
-
-def test_the_recipes_for_clusters_install_what_they_import():
-    """Contract: an optional extra for each, with the package that the recipe imports; what was not run says so."""
-    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
-    page = (ROOT / "docs" / "scale.md").read_text()
-    for extra, module in (("slurm", "dask_jobqueue"), ("kubernetes", "dask_kubernetes"), ("s3", "s3fs")):
-        assert f"gravcal[{extra}]" in page
-        assert module.replace("_", "-") in page or module in page
-        assert extras[extra][0].startswith(module.replace("_", "-"))
-    assert "### Slurm and Kubernetes (not run here)" in page
 
 
 def test_the_python_lines_print_what_the_readme_says(tmp_path, monkeypatch):
