@@ -6,7 +6,6 @@ from tasks.stage import lazy, stage
 
 model = lazy("gravcal.calibrations.magnetometer.model")
 estimation = lazy("gravcal.calibrations.magnetometer.estimate")
-comparison = lazy("gravcal.calibrations.magnetometer.beside")
 cdf = lazy("gravcal.io.cdf")
 named_parameters = lazy("gravcal.calibrations.named_parameters")
 reports = lazy("gravcal.report.named_parameters")
@@ -52,7 +51,7 @@ READ = ["magnetometer.align", "magnetometer.estimate", "ingest", "ingest", "magn
 @stage(reads=READ, writes="magnetometer.beside", version=2)
 def beside(aligned, found, camera, orbit, published, **settings):
     """Calibrated field of others less ours, and the parameters that it implies."""
-    return comparison.compare(aligned, found, camera, orbit, published, **settings)
+    return estimation.compare(aligned, found, camera, orbit, published, **settings)
 
 
 REPORTED = [f"magnetometer.{name}" for name in ("estimate", "align", "checks", "beside")]

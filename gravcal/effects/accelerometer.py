@@ -3,20 +3,8 @@
 import numpy as np
 from numba import njit
 
-from gravcal.effects.base import (
-    Context,
-    Laws,
-    Parameter,
-    axes,
-    coupled,
-    drifting,
-    each,
-    misaligned,
-    pairs,
-    scaled,
-    symmetric,
-    warming,
-)
+from gravcal.effects import base
+from gravcal.effects.base import Context, Laws, Parameter, axes, each, pairs
 from gravcal.physics.sensing import offset_tensor
 
 EFFECTS = Laws()
@@ -44,21 +32,23 @@ def _moving(context: Context, values):
 
 
 _SCALE = axes("", "1", "relative excess of the scale of", 0.02)
-law("accelerometer.scale", "linear_b", _SCALE, "reading")(scaled("linear_b"))
+law("accelerometer.scale", "linear_b", _SCALE, "reading")(base.scaled("linear_b"))
 _ANGLE = axes("angle", "rad", "sensor frame turned about", 1e-3)
-law("accelerometer.misalignment", "linear_b", _ANGLE, "reading")(misaligned("linear_b"))
+law("accelerometer.misalignment", "linear_b", _ANGLE, "reading")(base.misaligned("linear_b"))
 law("accelerometer.quadratic", "linear_b", axes("", "s2 m-1", "quadratic response of", 10.0), "reading")(
     lambda context, values: context.linear_b**2 * values
 )
 _LEAK = pairs("m s-2 A-1 m-2", "reading of {0[0]} per dipole along {0[7]}", 3e-11)
-law("accelerometer.current_leak", "linear_b", _LEAK, _COUPLING)(coupled("dipole_b"))
+law("accelerometer.current_leak", "linear_b", _LEAK, _COUPLING)(base.coupled("dipole_b"))
 _LEAK = pairs("m", "reading of {0[0]} per angular acceleration about {0[7]}", 1e-4)
-law("accelerometer.angular_leak", "linear_b", _LEAK, "electrode cross-talk")(coupled("angular_b"))
+law("accelerometer.angular_leak", "linear_b", _LEAK, "electrode cross-talk")(base.coupled("angular_b"))
 _STEP = (*axes("", "m s-2", "step of the reading of", 1e-9), Parameter("time", "s", "GPS time of the step", 1.0))
 law("accelerometer.bias_step", "linear_b", _STEP, "reading", linear=False)(
     lambda context, values: np.where((context.time >= values[3])[:, None], np.asarray(values[:3]), 0.0)
 )
-law("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of the reading of", 1e-12), "reading")(drifting)
+law("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of the reading of", 1e-12), "reading")(
+    base.drifting
+)
 _TONE = (
     Parameter("frequency", "Hz", "frequency", 0.1),
     *axes("", "m s-2", "amplitude along", 1e-10),
@@ -73,18 +63,18 @@ def _tone(context: Context, values):
 
 
 _SCALE = axes("", "1", "relative excess of the angular scale about", 0.05)
-law("accelerometer.angular_scale", "angular_b", _SCALE, "CoM paper eq. 31")(scaled("angular_b"))
+law("accelerometer.angular_scale", "angular_b", _SCALE, "CoM paper eq. 31")(base.scaled("angular_b"))
 _ANGLE = axes("angle", "rad", "angular sensor turned about", 2e-3)
-law("accelerometer.angular_misalignment", "angular_b", _ANGLE, "reading")(misaligned("angular_b"))
+law("accelerometer.angular_misalignment", "angular_b", _ANGLE, "reading")(base.misaligned("angular_b"))
 _LEAK = pairs("rad s-2 A-1 m-2", "reading about {0[0]} per dipole along {0[7]}", 1e-8)
-law("accelerometer.angular_current_leak", "angular_b", _LEAK, _COUPLING)(coupled("dipole_b"))
+law("accelerometer.angular_current_leak", "angular_b", _LEAK, _COUPLING)(base.coupled("dipole_b"))
 _SHARE = each(("xy", "xz", "yz"), "1", "share of {0[0]} read by {0[1]} and of {0[1]} by {0[0]}", 1e-2)
 # Each of two axes reads the same share of the other; the antisymmetric part is a misalignment.
 law("accelerometer.cross_talk", "linear_b", _SHARE, "electrode cross-talk")(
-    lambda context, values: context.linear_b @ symmetric(*values)
+    lambda context, values: context.linear_b @ base.symmetric(*values)
 )
 _WARMING = axes("", "m s-2", "change from long night to long day of", 1e-9)
-law("accelerometer.temperature", "linear_b", _WARMING, "reading against sunlight with a lag of 600 s")(warming)
+law("accelerometer.temperature", "linear_b", _WARMING, "reading against sunlight with a lag of 600 s")(base.warming)
 _MODE = (
     Parameter("frequency", "Hz", "own frequency", 0.01, neutral=0.5, lower=0.0),
     Parameter("damping", "1", "damping ratio", 0.01, neutral=0.02, lower=0.0),

@@ -31,7 +31,16 @@ def weights(crn: Crn, step_s: float, derivative: int) -> np.ndarray:
     H_k cos(2 pi k n / N_f), H_k = sum_m [sin(pi (k-m)/N_c) / sin(pi (k-m)/N_f)]^N_c, m = -N_B..N_B; derivatives by n,
     F0 such that the gain at `exact_hz` is one; J. B. Thomas, JPL Publ. 98-15 (1999), sec. 5.
     """
-    index, height = _response(crn)
+    # harmonics k (h,) and H_k (h,) of the filter
+    count = round(crn.window_s * crn.raw_hz)
+    count += 1 - count % 2
+    index = np.arange(-(count // 2), count // 2 + 1)
+    band = round(crn.bandwidth_hz * crn.window_s)
+    shift = index[:, None] - np.arange(-band, band + 1)
+    below = np.sin(np.pi * shift / count)
+    above = np.sin(np.pi * shift / crn.convolutions)
+    ratio = np.where(shift == 0, count / crn.convolutions, above / np.where(shift == 0, 1.0, below))
+    height = (ratio**crn.convolutions).sum(axis=1)
     half = int(np.floor(crn.window_s / 2 / step_s + 1e-9))
     lag = step_s * np.arange(-half, half + 1)
     phase = 2 * np.pi * np.outer(lag, index) / crn.window_s
@@ -43,19 +52,6 @@ def weights(crn: Crn, step_s: float, derivative: int) -> np.ndarray:
         return lowpass
     taps = (wave * height).sum(axis=1) * (lowpass[half] / height.sum())
     return taps - lowpass * taps.sum()  # a constant has no derivative, whatever the step
-
-
-def _response(crn):
-    """Harmonics k (h,) and H_k (h,) of the filter."""
-    count = round(crn.window_s * crn.raw_hz)
-    count += 1 - count % 2
-    index = np.arange(-(count // 2), count // 2 + 1)
-    band = round(crn.bandwidth_hz * crn.window_s)
-    shift = index[:, None] - np.arange(-band, band + 1)
-    below = np.sin(np.pi * shift / count)
-    above = np.sin(np.pi * shift / crn.convolutions)
-    ratio = np.where(shift == 0, count / crn.convolutions, above / np.where(shift == 0, 1.0, below))
-    return index, (ratio**crn.convolutions).sum(axis=1)
 
 
 def gain(crn: Crn, step_s: float, derivative: int, frequency_hz: np.ndarray) -> np.ndarray:

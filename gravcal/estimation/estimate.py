@@ -1,7 +1,5 @@
 """Generalised least squares with the noise as measured: the one result that the scientific interface returns."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -23,12 +21,10 @@ class Estimate:
     unit: str  #: of all of them, or one each divided by commas
     value: np.ndarray  #: (p,), NaN where the observations do not determine it
     covariance: np.ndarray  #: (p, p) unit squared, NaN there
-    #: chi2, dof: of the residual, noise as measured
-    chi2: float
-    dof: int
-    #: information, right: (p, p) and (p,), normal equations with all nuisance parameters eliminated; they add up
-    information: np.ndarray
-    right: np.ndarray
+    chi2: float  #: of the residual, noise as measured
+    dof: int  #: degrees of freedom
+    information: np.ndarray  #: (p, p) of the normal equations, nuisance parameters eliminated; they add up
+    right: np.ndarray  #: (p,) of these
     residual: np.ndarray  #: (n, m) 1, whitened residual of each series, zero where no sample was used
 
     @property
@@ -41,7 +37,7 @@ class Estimate:
         """Probability of a chi-square as large as this one, or larger, if model and noise are right."""
         return float(chdtrc(self.dof, self.chi2))
 
-    def scaled(self, factor: float, unit: str) -> Estimate:
+    def scaled(self, factor: float, unit: str) -> "Estimate":
         """The same in another unit, or with the other sign."""
         moved = {"value": factor * self.value, "covariance": factor**2 * self.covariance}
         normal = {"information": self.information / factor**2, "right": self.right / factor}

@@ -97,12 +97,10 @@ class Combination:
     value: np.ndarray  #: (p,)
     covariance: np.ndarray  #: (p, p) of noise and of the errors of single blocks
     shift: np.ndarray  #: (m, p) change of the value by one standard deviation of each shared error
-    #: chi2, dof: disagreement of the blocks with the joint value, shared errors free within their prior
-    chi2: float
-    dof: int
-    #: noise, own: (p, p), parts of the covariance by the noise and by the errors of single blocks
-    noise: np.ndarray
-    own: np.ndarray
+    chi2: float  #: disagreement of the blocks with the joint value, shared errors free within their prior
+    dof: int  #: degrees of freedom
+    noise: np.ndarray  #: (p, p), part of the covariance by the noise
+    own: np.ndarray  #: (p, p), by the errors of single blocks
 
 
 def combine(

@@ -1,7 +1,5 @@
 """Coloured noise as measured: autoregressive models from quiet data, whitening, spectra, levels that change."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -48,7 +46,7 @@ class NoiseModel:
             later[k, k : k + order + 1] = np.append(-rows[order][::-1], 1.0)
         return start / sigma[:order, None], later / sigma[order]
 
-    def louder(self, level: float) -> NoiseModel:
+    def louder(self, level: float) -> "NoiseModel":
         """The same noise with so many times the amplitude."""
         return replace(self, variance=self.variance * level**2)
 
@@ -434,22 +432,19 @@ def beside(segments: list[np.ndarray], columns: list[np.ndarray]) -> Callable:
 def _kept(models, segments, clean, rng, frequency):
     """Share of the density of each model that is left after the fit; both from the same draws, so that it is sharp."""
     before, after = [], []
-    for made in _noises(models, [len(s) for s in segments], -(-PIECES // len(segments)), rng):
+    lengths = [len(s) for s in segments]
+    times = -(-PIECES // len(segments))
+    counts = [n + _led_in(m) for n in lengths for m in models]
+    white = np.split(rng.standard_normal((times, sum(counts))), np.cumsum(counts)[:-1], axis=1)
+    made = [_filtered(models[k % len(models)], one, lengths[k // len(models)]) for k, one in enumerate(white)]
+    each = [np.stack(made[k : k + len(models)], axis=2) for k in range(0, len(made), len(models))]
+    for made in zip(*each, strict=True):
         for i, (segment, noise) in enumerate(zip(segments, made, strict=True)):
             before.append(np.where(np.isfinite(segment), noise, np.nan))
             after.append(clean(before[-1], i))
     order, step = models[0].reflection.size, models[0].step_s
     density = lambda made, a: fit_noise([m[:, a] for m in made], order, step).density(frequency)  # noqa: E731
     return [density(after, a) / density(before, a) for a in range(len(models))]
-
-
-def _noises(models, lengths, times, rng):
-    """Noise (n_i, axes) of every segment, `times` times."""
-    counts = [n + _led_in(m) for n in lengths for m in models]
-    white = np.split(rng.standard_normal((times, sum(counts))), np.cumsum(counts)[:-1], axis=1)
-    made = [_filtered(models[k % len(models)], one, lengths[k // len(models)]) for k, one in enumerate(white)]
-    each = [np.stack(made[k : k + len(models)], axis=2) for k in range(0, len(made), len(models))]
-    return zip(*each, strict=True)
 
 
 def draw(model: NoiseModel, count: int, rng: np.random.Generator) -> np.ndarray:
@@ -511,7 +506,14 @@ def without_lines(
                 break
             first = FINE * (lowest + best - 1)
             frequency = float(first + np.argmax(fine[first : first + 2 * FINE + 1])) / (FINE * parts * step_s)
-            _take_out(cleaned, axis, frequency, step_s)
+            # best sine and cosine beside a parabola
+            for segment in cleaned:
+                index = np.flatnonzero(np.isfinite(segment[:, axis]))
+                phase = 2 * np.pi * frequency * index * step_s
+                u = 2 * (index - index[0]) / max(index[-1] - index[0], 1) - 1
+                columns = np.stack([np.cos(phase), np.sin(phase), np.ones(u.size), u, u**2], axis=1)
+                value = np.linalg.lstsq(columns, segment[index, axis], rcond=None)[0]
+                segment[index, axis] -= columns[:, :2] @ value[:2]
             found.append((axis, frequency))
     return cleaned, found
 
@@ -526,17 +528,6 @@ def _spectrum(segments, axis, parts):
         folded = np.bincount(index % parts, weights=tapered, minlength=parts)  # longer segments come round again
         total += np.abs(np.fft.rfft(folded)) ** 2 / np.sum(window**2)
     return total / len(segments)
-
-
-def _take_out(segments, axis, frequency, step_s):
-    """Best sine and cosine beside a parabola subtracted, in place."""
-    for segment in segments:
-        index = np.flatnonzero(np.isfinite(segment[:, axis]))
-        phase = 2 * np.pi * frequency * index * step_s
-        u = 2 * (index - index[0]) / max(index[-1] - index[0], 1) - 1
-        columns = np.stack([np.cos(phase), np.sin(phase), np.ones(u.size), u, u**2], axis=1)
-        value = np.linalg.lstsq(columns, segment[index, axis], rcond=None)[0]
-        segment[index, axis] -= columns[:, :2] @ value[:2]
 
 
 JUMPS = 24  # in a series that are no noise, at most

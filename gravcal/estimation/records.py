@@ -1,7 +1,5 @@
 """Records that a calibration and discovery share, and `Observations`, all that discovery sees of a calibration."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -19,10 +17,9 @@ class Block:
     observed: np.ndarray  #: (n,) 1, residual of the baseline, noise of unit variance
     global_columns: np.ndarray  #: (n, p) of parameters common to all blocks, those of the calibration first
     local_columns: np.ndarray  #: (n, k) of parameters of this block alone
-    #: channel, axis, time: (n,) of each row
-    channel: np.ndarray
-    axis: np.ndarray
-    time: np.ndarray
+    channel: np.ndarray  #: (n,) of each row
+    axis: np.ndarray  #: (n,)
+    time: np.ndarray  #: (n,) s
     #: {epoch s: (n, q)} columns of something that happens once in this block, at an epoch
     steps: dict[float, np.ndarray] = field(default_factory=dict)
     #: {(channel, axis): relative error of the amplitude of the noise in this block alone}
@@ -33,16 +30,14 @@ class Block:
 class Shape:
     """What a cause depends on otherwise than linearly, all positive."""
 
-    #: names, units: (s,)
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    names: tuple[str, ...]  #: (s,)
+    units: tuple[str, ...]  #: (s,)
     value: np.ndarray  #: (s,) of the columns
     #: function of (s,) values -> one (n, q) or None a block; with `inside`, of these numbers as well
     columns: Callable[..., list[np.ndarray | None]]
     tried: np.ndarray  #: (t, s) values to begin a refinement from
-    #: lower, upper: (s,) bounds
-    lower: np.ndarray
-    upper: np.ndarray
+    lower: np.ndarray  #: (s,) bounds
+    upper: np.ndarray  #: (s,)
     #: function of (s,) values, the residual and the basis of the local columns of each block -> (b,) a number a block
     #: that nothing else shares, where it fits best; None without
     inside: Callable[..., np.ndarray] | None = None
@@ -57,9 +52,9 @@ class Wider:
     """Candidates of laws made of one series: which it is, and the function that makes them."""
 
     key: tuple[str, ...]
-    made: Callable[[], list[Candidate]]
+    made: "Callable[[], list[Candidate]]"
 
-    def __call__(self) -> list[Candidate]:
+    def __call__(self) -> "list[Candidate]":
         """Candidates."""
         return self.made()
 
@@ -70,14 +65,12 @@ class Candidate:
 
     cause: str  #: slug, or "unknown:<driver channel>"; while an epoch is searched for "slug@epoch", see `at_epoch`
     form: str  #: which of several shapes of the cause
-    #: names, units: (q,) parameters
-    names: list[str]
-    units: list[str]
+    names: list[str]  #: (q,) parameters
+    units: list[str]  #: (q,)
     columns: list[np.ndarray | None]  #: one (n, q) or None a block
     prior: list[float] = field(default_factory=list)  #: (q,) plausible sizes, none if empty
-    #: at, at_sigma: epoch s of a step, frequency Hz of a line, and its error
-    at: float = np.nan
-    at_sigma: float = np.nan
+    at: float = np.nan  #: epoch s of a step, frequency Hz of a line
+    at_sigma: float = np.nan  #: its error
     shape: Shape | None = None  #: what it depends on otherwise than linearly, None for most
     spread: np.ndarray | None = None  #: (q, q) covariance of the parameters by the error of the shape, None without
     apart: bool = False  #: True if several forms may act at once, as lines of several frequencies do
@@ -94,11 +87,11 @@ class Candidate:
         """True if it acts in one block only, so that no other block can test it."""
         return sum(c is not None for c in self.columns) == 1
 
-    def each_alone(self) -> list[Candidate]:
+    def each_alone(self) -> "list[Candidate]":
         """The candidate with all its parameters, then with each alone."""
         return [self, *(self.part([k], name) for k, name in enumerate(self.names if len(self.names) > 1 else ()))]
 
-    def part(self, kept: Sequence[int], name: str) -> Candidate:
+    def part(self, kept: Sequence[int], name: str) -> "Candidate":
         """The candidate with some of its parameters, by index, and what these are called."""
         columns = [c if c is None else c[:, kept] for c in self.columns]
         names, units, prior = ([values[k] for k in kept] for values in (self.names, self.units, self.prior))
@@ -205,9 +198,8 @@ class LineSearch:
 class Bias:
     """What a parameter of an effect, at its plausible size, does to a result that the parameters are not."""
 
-    #: cause, parameter: names
-    cause: str
-    parameter: str
+    cause: str  #: slug
+    parameter: str  #: name
     prior: float  #: plausible size
     name: str  #: field of the document, such as "drag_bias_m_s2"
     rms: np.ndarray  #: (3,) of the result
@@ -219,9 +211,8 @@ class Fitted:
     """A cause as it was fitted."""
 
     candidate: Candidate  #: Candidate, with its shape as refined
-    #: value, sigma: (q,) of its parameters, NaN where not determined
-    value: np.ndarray
-    sigma: np.ndarray
+    value: np.ndarray  #: (q,) of its parameters, NaN where not determined
+    sigma: np.ndarray  #: (q,)
     rest: list[np.ndarray]  #: (n,) a block, residual of the extended model
     bases: list[np.ndarray]  #: (n, r) a block, orthonormal basis of the local columns
 
@@ -238,56 +229,36 @@ class Reported:
 
 
 class Observations(Protocol):
-    """All that discovery sees of a calibration; subclasses state the attributes, and the methods where they differ.
+    """All that discovery sees of a calibration; subclasses state the attributes, and the methods where they differ."""
 
-    name : of the calibration
-    channels : in the order of the page
-    parameters : names of the calibration's parameters, the first of the global ones
-    unit : of these, as reported
-    scale : (p,) factor from SI to that unit; start : (p,) SI, what the residuals were formed with
-    blocks, candidates : every effect of the catalogue in every channel, and the drivers
-    quiet : {channel: quiet samples an axis that its noise was measured from}, none where it was measured in the rows
-    noise_order : {channel: coefficients of its noise model}
-    step : cause of a step at the epochs of `Block.steps`; tones : {channel: cause of a line} of lines in the rounds
-    lines : lines looked for in what the rounds leave; groups : number of the manoeuvre of each block, for their phases
-    periods : {s: highest harmonic} of the manoeuvre and of the orbit: no line is looked for near them
-    whole_manoeuvres : True if a block is a manoeuvre, else what is left out is called "blocks"
-    contiguous : True if noise goes on from block to block, so that `reading` takes the rows of all blocks
-    interleaved : True if blocks whose labels begin with the same word are stretches of one record
-    readable : channels whose reading the page can show, all if empty
-    epoch : s, GPS, at which a parameter that moves is given, None where the calibration has none
-    expected : {parameter: (value, largest distance from it)} in the reported unit; what is further off is questionable
-    circumstances : quantities of the event that a cause may follow from event to event, such as the angle of the Sun
-    common : (p,) SI, error of the parameters that all events share and no data show
-    shared : {slug: SI}, largest error of a cause of one parameter that all events share
-    shifted : True of records whose tags are minutes off against each other, of which nothing but that is said
-    """
-
-    name: str
-    channels: tuple[str, ...]
-    parameters: tuple[str, ...]
-    unit: str
-    scale: np.ndarray
-    start: np.ndarray
+    name: str  #: of the calibration
+    channels: tuple[str, ...]  #: in the order of the page
+    parameters: tuple[str, ...]  #: names of the calibration's parameters, the first of the global ones
+    unit: str  #: of these, as reported
+    scale: np.ndarray  #: (p,) factor from SI to that unit
+    start: np.ndarray  #: (p,) SI, what the residuals were formed with
     blocks: list[Block]
-    candidates: list[Candidate]
+    candidates: list[Candidate]  #: every effect of the catalogue in every channel, and the drivers
+    #: {channel: quiet samples an axis that its noise was measured from}, none where it was measured in the rows
     quiet: Mapping[str, float] = {}
-    noise_order: Mapping[str, int] = {}
-    step: str = ""
-    tones: Mapping[str, str] = {}
-    lines: tuple[LineSearch, ...] = ()
-    groups: Sequence[int] = ()
+    noise_order: Mapping[str, int] = {}  #: {channel: coefficients of its noise model}
+    step: str = "unknown:step"  #: cause of a step at the epochs of `Block.steps`
+    tones: Mapping[str, str] = {}  #: {channel: cause of a line} of lines in the rounds
+    lines: tuple[LineSearch, ...] = ()  #: lines looked for in what the rounds leave
+    groups: Sequence[int] = ()  #: number of the manoeuvre of each block, for the phases of lines
+    #: {s: highest harmonic} of the manoeuvre and of the orbit: no line is looked for near them
     periods: Mapping[float, int] = {}
-    whole_manoeuvres: bool = False
-    contiguous: bool = False
-    interleaved: bool = False
-    readable: tuple[str, ...] = ()
-    epoch: float | None = None
+    whole_manoeuvres: bool = False  #: True if a block is a manoeuvre, else what is left out is called "blocks"
+    contiguous: bool = False  #: True if noise goes on from block to block, so that `reading` takes the rows of all
+    interleaved: bool = False  #: True if blocks whose labels begin with the same word are stretches of one record
+    readable: tuple[str, ...] = ()  #: channels whose reading the page can show, all if empty
+    epoch: float | None = None  #: s, GPS, at which a parameter that moves is given, None where there is none
+    #: {parameter: (value, largest distance from it)} in the reported unit; what is further off is questionable
     expected: Mapping[str, tuple[float, float]] = {}
-    circumstances: Mapping[str, float] = {}
-    common: np.ndarray | float = 0.0
-    shared: Mapping[str, float] = {}
-    shifted: bool = False
+    circumstances: Mapping[str, float] = {}  #: quantities of the event that a cause may follow, as the angle of the Sun
+    common: np.ndarray | float = 0.0  #: (p,) SI, error of the parameters that all events share and no data show
+    shared: Mapping[str, float] = {}  #: {slug: SI}, largest error of a cause of one parameter that all events share
+    shifted: bool = False  #: True of records whose tags are minutes off, of which nothing but that is said
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form.

@@ -96,12 +96,10 @@ class Field:
 
     gm: float  #: m3 s-2
     radius: float  #: m, reference radius of the coefficients
-    #: cosine, sine: (n + 1, n + 1) 1, C_nm and S_nm; C_00 = 1
-    cosine: np.ndarray
-    sine: np.ndarray
-    #: cosine_sigma, sine_sigma: (n + 1, n + 1) 1, their standard deviations, zero where not given
-    cosine_sigma: np.ndarray | None = None
-    sine_sigma: np.ndarray | None = None
+    cosine: np.ndarray  #: (n + 1, n + 1) 1, C_nm; C_00 = 1
+    sine: np.ndarray  #: (n + 1, n + 1) 1, S_nm
+    cosine_sigma: np.ndarray | None = None  #: (n + 1, n + 1) 1, standard deviations, zero where not given
+    sine_sigma: np.ndarray | None = None  #: (n + 1, n + 1) 1
     name: str = ""
     tables: dict = field(default_factory=dict, repr=False, compare=False)
 
@@ -205,13 +203,6 @@ def _sums(field, position_e, derivatives):
     if field.degree > LIMIT:
         refuse(field.name or "field", f"degree {field.degree}", f"at most {LIMIT}", "Use truncated(field, 0, n).")
     flat = np.ascontiguousarray(position.reshape(-1, 3) / field.radius)
-    sums = sum_series(flat, *_prepared(field, derivatives))
-    scale = field.gm / field.radius ** (1 + len(derivatives[0]))
-    return (scale * sums).reshape(*position.shape[:-1], len(derivatives))
-
-
-def _prepared(field, derivatives):
-    """Coefficients as the kernel wants them, kept with the field."""
     if derivatives not in field.tables:
         known = {"": field.cosine - 1j * field.sine}
         for name in derivatives:
@@ -219,7 +210,9 @@ def _prepared(field, derivatives):
                 if name[: k + 1] not in known:
                     known[name[: k + 1]] = derivative(known[name[:k]], name[k])
         field.tables[derivatives] = kernel_tables([known[name] for name in derivatives])
-    return field.tables[derivatives]
+    sums = sum_series(flat, *field.tables[derivatives])
+    scale = field.gm / field.radius ** (1 + len(derivatives[0]))
+    return (scale * sums).reshape(*position.shape[:-1], len(derivatives))
 
 
 def derivative(K, axis):

@@ -69,9 +69,8 @@ class Scene:
 
     orbit: object  #: (n,) s -> (n, 6) m, m s-1
     planned: tuple[Planned, ...]  #: manoeuvres in order of time
-    #: start, stop: (k,) s, first and last edge
-    start: np.ndarray
-    stop: np.ndarray
+    start: np.ndarray  #: (k,) s, first edge
+    stop: np.ndarray  #: (k,) s, last edge
     spans: np.ndarray  #: (s, 2) s, times that are flown and written
     offset: np.ndarray  #: (3,) m, proof mass to centre of mass
     inertia_b: np.ndarray  #: (3, 3) kg m2
@@ -283,11 +282,8 @@ def library(limits: Mapping, causes=()) -> list[dict]:
     """Manoeuvres that may be flown within some limits, as tables of a design: every rod where it turns the satellite.
 
     What a manoeuvre tells grows with the square of its current; only causes that are not linear need more than one.
-
-    Parameters
-    ----------
-    limits : duration_s, period_s, current_ma, rods, latitude_deg as of `gravcal design --constraints`
-    causes : that are to be told apart
+    Limits are duration_s, period_s, current_ma, rods, latitude_deg as of `gravcal design --constraints`, causes those
+    that are to be told apart.
     """
     made, (south, north) = [], limits["latitude_deg"]
     currents = sorted(np.atleast_1d(limits["current_ma"]).tolist(), reverse=True)

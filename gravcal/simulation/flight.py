@@ -166,12 +166,10 @@ class Body:
     """Inertia, gains and limits."""
 
     inertia_b: np.ndarray  #: (3, 3) kg m2
-    #: frequency, damping: rad s-1 and 1, of the controlled attitude
-    frequency: float
-    damping: float
-    #: dipole_limit, dipole_step: A m2, saturation and quantum of a rod under control
-    dipole_limit: float
-    dipole_step: float
+    frequency: float  #: rad s-1, of the controlled attitude
+    damping: float  #: 1
+    dipole_limit: float  #: A m2, saturation of a rod under control
+    dipole_step: float  #: A m2, quantum of it
 
 
 @numba.njit(cache=True)

@@ -32,9 +32,8 @@ class Motion:
     time: np.ndarray  #: (n,) s
     state_i: np.ndarray  #: (n, 6)
     quaternion: np.ndarray  #: (n, 4)
-    #: rate_b, rate_dot_b: (n, 3)
-    rate_b: np.ndarray
-    rate_dot_b: np.ndarray
+    rate_b: np.ndarray  #: (n, 3) rad s-1
+    rate_dot_b: np.ndarray  #: (n, 3) rad s-2
     gradient_b: np.ndarray  #: (n, 3, 3)
 
 

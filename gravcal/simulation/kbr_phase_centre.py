@@ -64,7 +64,13 @@ def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, 
     columns = {("KBR1B", "Y"): ranging(pair, centre, chosen, effects, rng)}
     for k, letter in enumerate(letters):
         columns[chosen.orbit_product, letter] = _orbit(pair, k, chosen, rng)
-        columns["SCA1B", letter] = _star_camera(pair, k, chosen, effects, rng)
+        tag = pair.day + np.arange(constants.DAY)
+        time = tag - added(effects, "sca_delay", Context(time=tag))
+        R_bi = nominal(*(path(time) for path in pair.path))[k]
+        true = frames.quaternion_product(frames.quaternion_from_R_bi(R_bi), turned(pair.pointing[k](time)))
+        angle = sensors.star_camera_noise(time.size, chosen, rng) + 1e-6 * np.array(chosen.misalignment_urad)
+        measured = sensors.star_camera(true, angle + added(effects, "pointing_b", Context(time=time)), rng)
+        columns["SCA1B", letter] = sensors.attitude_columns(tag, measured)
     manoeuvres = [
         {"satellite": letters[one.satellite], "kind": one.kind, "start": one.start, "stop": one.stop}
         for one in pair.wiggles
@@ -307,17 +313,6 @@ def _orbit(pair, k, chosen, rng):
     error = (np.stack([radial, along, np.cross(radial, along)], axis=2) @ local[:, :, None])[:, :, 0]
     state = state + np.concatenate([error, np.gradient(error, time, axis=0)], axis=1)
     return sensors.orbit_columns(time, state, chosen.orbit_product)
-
-
-def _star_camera(pair, k, chosen, effects, rng):
-    """SCA1B: true attitude, mounting error, noise."""
-    tag = pair.day + np.arange(constants.DAY)
-    time = tag - added(effects, "sca_delay", Context(time=tag))
-    R_bi = nominal(*(path(time) for path in pair.path))[k]
-    true = frames.quaternion_product(frames.quaternion_from_R_bi(R_bi), turned(pair.pointing[k](time)))
-    angle = sensors.star_camera_noise(time.size, chosen, rng) + 1e-6 * np.array(chosen.misalignment_urad)
-    measured = sensors.star_camera(true, angle + added(effects, "pointing_b", Context(time=time)), rng)
-    return sensors.attitude_columns(tag, measured)
 
 
 def ingested(columns: Mapping) -> dict[tuple[str, str], xr.Dataset]:

@@ -1,7 +1,5 @@
 """What the instruments read of a simulated motion, and the columns of the Level-1 files."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,14 +35,12 @@ class Clock:
 class Epochs:
     """True times of the readings of one span and the tags they get."""
 
-    #: acc, sca, mag: (n,) s, true GPS time of the readings
-    acc: np.ndarray
+    acc: np.ndarray  #: (n,) s, true GPS time of the readings
     acc_tag: np.ndarray  #: (n,) us past `origin`, integer on-board tags
-    sca: np.ndarray
-    #: sca_tag, mag_tag: s, GPS
-    sca_tag: np.ndarray
-    mag: np.ndarray
-    mag_tag: np.ndarray
+    sca: np.ndarray  #: (n,) s, true
+    sca_tag: np.ndarray  #: (n,) s, GPS
+    mag: np.ndarray  #: (n,) s, true
+    mag_tag: np.ndarray  #: (n,) s, GPS
 
 
 @dataclass(frozen=True)
@@ -59,7 +55,7 @@ class Motion:
     field_b: np.ndarray
     command_b: np.ndarray
 
-    def at(self, time: np.ndarray) -> Motion:
+    def at(self, time: np.ndarray) -> "Motion":
         """The same at some of the bounds."""
         index = np.clip(np.searchsorted(self.time, time - 1e-7), 0, self.time.size - 1)
         return Motion(*(getattr(self, name)[index] for name in self.__dataclass_fields__))

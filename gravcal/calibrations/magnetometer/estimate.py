@@ -2,14 +2,18 @@
 
 import numpy as np
 import xarray as xr
+from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations import checks, named_parameters
+from gravcal.calibrations.align import QUATERNION, between, usable
 from gravcal.calibrations.checks import at_most
 from gravcal.calibrations.magnetometer import model
 from gravcal.calibrations.magnetometer.model import SCHEMAS
 from gravcal.calibrations.schemas import build
 from gravcal.effects import effect
+from gravcal.errors import refuse
 from gravcal.estimation import least_squares
+from gravcal.physics import earth, frames
 
 #: Groups of parameters: first part of their names and the effect; axes out of square are no effect of the catalogue
 #: and as plausible as a wrong mounting.
@@ -29,22 +33,18 @@ NAMES = {
     "delay": ("delay",),
 }
 AXES = ("scale", "misalignment", "nonorthogonality")  # of these groups, which a satellite's own fields do not reach
+#: Of others' records: longest time between two, in which the field bends by less than 0.04 nT, and farthest place
+#: from the orbit: a second is 7.6 km, GPS time taken for UTC 137 km.
+GAP_S, PLACE_M = 2.5, 10e3
 ITERATIONS = 3  # of the noise by the residual of the solution with it
 
 
 def estimate(
     aligned: xr.Dataset, *, noise_order: int, field_noise_nt: float, parts: int, determined_ratio: float, held: tuple
 ) -> xr.Dataset:
-    """Parameters of the magnetometer, with errors by the noise that they leave.
+    """Parameters of the magnetometer ("magnetometer.align"), with errors by the noise that they leave.
 
-    Parameters
-    ----------
-    aligned : Dataset, "magnetometer.align"
-    noise_order : coefficients of the noise model of each axis, fewer in a short record
-    field_noise_nt : nT, smallest standard deviation of a record
-    parts : of the record that are also solved alone
-    determined_ratio : largest sigma of a parameter over the plausible size in the catalogue of effects
-    held : groups that are held at nought: the result is then that of an instrument without them
+    Settings are those of the stage; groups that are held are nought, as of an instrument without them.
 
     Notes
     -----
@@ -97,47 +97,26 @@ def _rows(noise, place, values):
     return [(one[:, :-1], one[:, -1]) for one in rows]
 
 
-def check(
-    aligned: xr.Dataset,
-    found: xr.Dataset,
-    *,
-    jump_limit_rad: float,
-    velocity_limit_m_s: float,
-    constant_limit_s: float,
-    strength_limit: float,
-    direction_limit_rad: float,
-    agreement_limit: float,
-    plausible_limit: float,
-    camera_limit_s: float,
-    delay_limit_s: float,
-) -> xr.Dataset:
-    """Checks of the inputs against each other and of the result.
+def check(aligned: xr.Dataset, found: xr.Dataset, **limits: float) -> xr.Dataset:
+    """Checks of the inputs and of the result, "magnetometer.align" and "magnetometer.estimate".
 
-    Parameters
-    ----------
-    aligned : Dataset, "magnetometer.align"; found : Dataset, "magnetometer.estimate"
-    jump_limit_rad : rad, change of the turn from one attitude to the next
-    velocity_limit_m_s : m s-1, mean velocity against change of position
-    constant_limit_s : s, longest time over which an axis reads the same
-    strength_limit : share by which the strengths of the two fields differ, rms
-    direction_limit_rad : rad, angle between them, rms
-    agreement_limit : smallest probability of the disagreement of the parts
-    plausible_limit : largest error of scale or axes over its plausible size, beyond twice its standard deviation; a
-        star camera late by minutes reads as a magnetometer that is turned by tenths of a radian
-    camera_limit_s, delay_limit_s : s, attitudes late against the orbit, readings against both
+    A star camera late by minutes reads as a magnetometer that is turned by tenths of a radian, which is why scale and
+    axes are held against their plausible size, beyond twice their standard deviation.
     """
     field = model.field(aligned)
     strength = [np.linalg.norm(one, axis=1) for one in (field.measured_b, field.model_b)]
     across = np.linalg.norm(np.cross(field.measured_b, field.model_b), axis=1)
     angle = np.arctan2(across, np.sum(field.measured_b * field.model_b, axis=1))
     apart, turned = (float(np.sqrt(np.mean(one**2))) for one in (strength[0] / strength[1] - 1, angle))
-    velocity, constant = float(aligned["velocity_error"]), checks.longest_constant(field.time, field.measured_b)
+    constant = checks.longest_constant(field.time, field.measured_b)
     made = [
-        at_most("jump of the attitude", float(aligned["attitude_jump"]), jump_limit_rad, "rad"),
-        at_most("velocity against change of position", velocity, velocity_limit_m_s, "m s-1"),
-        at_most("longest time of a constant reading", constant, constant_limit_s, "s"),
-        at_most("strength of the field against the reference", apart, strength_limit, "1"),
-        at_most("direction of the field against the reference", turned, direction_limit_rad, "rad"),
+        at_most("jump of the attitude", aligned["attitude_jump"], limits["jump_limit_rad"], "rad"),
+        at_most(
+            "velocity against change of position", aligned["velocity_error"], limits["velocity_limit_m_s"], "m s-1"
+        ),
+        at_most("longest time of a constant reading", constant, limits["constant_limit_s"], "s"),
+        at_most("strength of the field against the reference", apart, limits["strength_limit"], "1"),
+        at_most("direction of the field against the reference", turned, limits["direction_limit_rad"], "rad"),
     ]
     size = {name: one for group in AXES for name, _, one in _parameters(group)}
     known = found[["value", "sigma"]].sel(parameter=[name for name in found["parameter"].values if name in size])
@@ -145,9 +124,61 @@ def check(
     ratio = beyond / [size[name] for name in known["parameter"].values]
     largest = np.max(ratio, where=np.isfinite(ratio), initial=0.0)
     delay = dict(zip(map(str, found["parameter"].values), found["value"].values, strict=True)).get("delay", 0.0)
-    apart_s = model.late(aligned, camera_limit_s, delay_limit_s).get("timing.magnetometer_delay", (0.0,))[0]
-    lag = max(abs(float(np.nan_to_num(delay))), abs(apart_s))
-    made.append(at_most("tags of the attitude", abs(float(aligned["camera_late"])), camera_limit_s, "s"))
-    made.append(at_most("tags of the magnetometer", lag, delay_limit_s, "s"))
-    made.append(at_most("scale or axes over their plausible size", largest, plausible_limit, "1"))
-    return checks.product([*made, *named_parameters.checks(found, agreement_limit)])
+    apart_s = model.late(aligned, limits["camera_limit_s"], limits["delay_limit_s"])
+    lag = max(abs(float(np.nan_to_num(delay))), abs(apart_s.get("timing.magnetometer_delay", (0.0,))[0]))
+    made.append(at_most("tags of the attitude", abs(aligned["camera_late"]), limits["camera_limit_s"], "s"))
+    made.append(at_most("tags of the magnetometer", lag, limits["delay_limit_s"], "s"))
+    made.append(at_most("scale or axes over their plausible size", largest, limits["plausible_limit"], "1"))
+    return checks.product([*made, *named_parameters.checks(found, limits["agreement_limit"])])
+
+
+def compare(
+    aligned: xr.Dataset, found: xr.Dataset, camera: xr.Dataset, orbit: xr.Dataset, theirs: xr.Dataset, **settings
+) -> xr.Dataset:
+    """Their calibrated field less ours at our records, and parameters with their field as the reference.
+
+    Products are "magnetometer.align" and "magnetometer.estimate", "ingest" of SCA1B and GNV1B, "magnetometer.theirs";
+    settings those of `estimate`.
+
+    Notes
+    -----
+    Ours is the reading less what the instrument adds, with the uniform external field left in. Theirs is turned from
+    north, east and centre into the body by our orbit and attitude; less the reference field there, it is interpolated.
+    """
+    sca_time, quaternion = usable(camera, QUATERNION)
+    orbit_time, state = usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
+    time, field = theirs["time"].values, model.field(aligned)
+    inside = (time >= max(sca_time[0], orbit_time[0])) & (time <= min(sca_time[-1], orbit_time[-1]))
+    time, position_e, field_n = time[inside], *(theirs[n].values[inside] for n in ("position_e", "field_n"))
+    matched = between(field.time, time, GAP_S) if time.size > 1 else np.zeros(field.time.size, dtype=bool)
+    if matched.sum() < model.LEAST:
+        expected = f"at least {model.LEAST} records of the same minutes"
+        refuse("calibrated field of others", f"{matched.sum()}", expected, "Give the file of the day.")
+    position_i, _ = earth.state_to_inertial(orbit_time, state[:, :3], state[:, 3:])
+    R_ei = earth.R_ei(time)
+    ours_e = np.matvec(R_ei, CubicSpline(orbit_time, position_i)(time))
+    apart = float(np.median(np.linalg.norm(position_e - ours_e, axis=1)))
+    if apart > PLACE_M:
+        remedy = "Their tags are of another time scale, or the file is of another satellite: it is not compared."
+        refuse("calibrated field of others", f"places {apart / 1e3:.0f} km from the orbit", "the same orbit", remedy)
+    field_e = np.matvec(earth.R_en_from_position(ours_e, geocentric_down=True), field_n)
+    quaternion = frames.continuous(quaternion)
+    R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))
+    theirs_b = np.matvec(R_bi, np.matvec(np.swapaxes(R_ei, 1, 2), field_e))
+    reference = model.body_field(orbit_time, state[:, :3], sca_time, quaternion, settings.pop("igrf_generation"))
+    rest = theirs_b - reference(time)[0]
+    rest = np.stack([np.interp(field.time, time, one) for one in rest.T], axis=1)[matched]
+    known = dict(zip(found["parameter"].values.tolist(), np.nan_to_num(found["value"].values), strict=True))
+    external = known.get("external_field", 0.0) * field.axis_b
+    ours = (found["residual_b"].values - found["fitted_b"].values + external)[matched]
+    same = aligned.isel(time=np.flatnonzero(matched))
+    same = same.assign(model_b=same["model_b"] + rest)
+    held = tuple({*settings.pop("held"), "external_field"})  # theirs holds it
+    implied = estimate(same, held=held, **settings)
+    names = implied["parameter"].values.tolist()
+    our = found[["value", "sigma"]].sel(parameter=names)
+    values = {name: implied[name].values for name in ("parameter", "unit", "value", "sigma")}
+    values |= {"own_value": our["value"].values, "own_sigma": our["sigma"].values}
+    values |= {"time": field.time[matched], "difference_b": rest - ours, "theirs_b": rest, "apart": apart}
+    values["flagged"] = theirs["flagged"].values
+    return build(SCHEMAS["beside"], values)

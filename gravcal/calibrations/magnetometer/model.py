@@ -12,7 +12,7 @@ from gravcal.calibrations.align import QUATERNION, usable
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
 from gravcal.effects.sensors import OF_MAGNETOMETER, OF_WARMTH
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic, orbit_environment
@@ -50,14 +50,7 @@ class Field:
 def align(
     mag: xr.Dataset, camera: xr.Dataset, orbit: xr.Dataset, *, dipole_per_current, igrf_generation: int
 ) -> xr.Dataset:
-    """Records that attitude and orbit cover, with the reference field in the body.
-
-    Parameters
-    ----------
-    mag, camera, orbit : Dataset, "ingest" of MAG1B, SCA1B, GNV1B
-    dipole_per_current : (3,) A m2 mA-1
-    igrf_generation : of the IGRF
-    """
+    """Records of MAG1B that SCA1B and GNV1B cover, with the reference field in the body; (3,) A m2 mA-1 per current."""
     columns = tuple(f"Mfv{a}_RAW" for a in "XYZ")
     time, values = usable(mag, (*columns, "current_b"))
     sca_time, quaternion = usable(camera, QUATERNION)
@@ -66,9 +59,13 @@ def align(
     if sca_time.size > 1 and orbit_time.size > 1:
         inside = (time >= max(sca_time[0], orbit_time[0])) & (time <= min(sca_time[-1], orbit_time[-1]))
     if inside.sum() < LEAST:
-        raise EstimationError(
-            f"{mag.attrs.get('file', 'MAG1B')}: found {int(inside.sum())} records with attitude and orbit, expected at "
-            f"least {LEAST}. Give files of the same minutes.",
+        found, remedy = f"{inside.sum()} records with attitude and orbit", "Give files of the same minutes."
+        refuse(
+            mag.attrs.get("file", "MAG1B"),
+            found,
+            f"at least {LEAST}",
+            remedy,
+            EstimationError,
             records=int(inside.sum()),
         )
     time, values = time[inside], values[inside]

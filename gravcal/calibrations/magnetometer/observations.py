@@ -4,8 +4,6 @@ No parameter is free in the baseline: on minutes of data the parameters of the i
 causes that are tried, and only what the data support is named. Noise is white in minutes; an hour shows its colour.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -23,33 +21,19 @@ from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observat
 FAR = {"timing.star_camera_delay": 15.0, "timing.magnetometer_delay": 5.0}
 
 
-def observe(
-    products: Mapping[str, xr.Dataset],
-    *,
-    blocks: int,
-    noise_order: int,
-    field_noise_nt: float,
-    camera_limit_s: float,
-    delay_limit_s: float,
-) -> Readings:
-    """Observations of one record.
+def observe(products: Mapping[str, xr.Dataset], *, blocks: int, **settings) -> "Readings":
+    """Observations of one record ("align") in so many parts, with noise of as many coefficients as an hour shows.
 
-    Parameters
-    ----------
-    products : "align" of magnetometer
-    blocks : parts of the record
-    noise_order : coefficients of the noise model of each axis, in a record of an hour or more
-    field_noise_nt : nT, smallest standard deviation of a record
-    camera_limit_s, delay_limit_s : s, tags that are no lag, of attitudes against the orbit and of readings
+    Settings are noise_order, field_noise_nt, camera_limit_s and delay_limit_s, within which tags are no lag.
     """
     aligned = products["align"]
     field, step = model.field(aligned), float(aligned["step"])
     columns = {slug: model.columns(field, slug) for slug in model.causes(field)}
     drift = (field.time - (field.time[0] + field.time[-1]) / 2)[:, None, None] * np.eye(3)
-    late = model.late(aligned, camera_limit_s, delay_limit_s)
+    late = model.late(aligned, settings["camera_limit_s"], settings["delay_limit_s"])
     free = [*columns.values(), drift, *(moved[..., None] for _, moved in late.values())]
-    order = noise_order if np.ptp(field.time) > model.LONG_S else 0
-    noise = model.noise(field, step, free, order, 1e-9 * field_noise_nt)
+    order = settings["noise_order"] if np.ptp(field.time) > model.LONG_S else 0
+    noise = model.noise(field, step, free, order, 1e-9 * settings["field_noise_nt"])
     parts, columns = np.array_split(np.arange(field.time.size), blocks), columns | {"unknown:time": drift}
     if late:  # nothing else is looked for beside what is not there
         columns = {cause: (moved / delay)[..., None] for cause, (delay, moved) in late.items()}
@@ -71,7 +55,6 @@ class Readings(Observations):
     channels = ("magnetometer",)
     parameters = ()
     unit, scale, start = "T", np.zeros(0), np.zeros(0)
-    step = "unknown:step"
 
     @property
     def noise_order(self) -> dict[str, int]:

@@ -4,8 +4,6 @@ The error of each number is the printed one times what repeated manoeuvres of on
 field in the middle of each area are modelled; the direction of flight is not printed, so every heading is tried.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -32,15 +30,11 @@ AREAS = {
 HEADINGS = {(1, 1): "+x north", (-1, -1): "+x south", (1, -1): "+x north, yaw south", (-1, 1): "+x south, yaw north"}
 
 
-def observe(_products: Mapping, *, rows: Sequence[Mapping], inertia, dipole: float, igrf_generation: int) -> Table:
+def observe(_products: Mapping, *, rows: Sequence[Mapping], inertia, dipole: float, igrf_generation: int) -> "Table":
     """Observations of one variant of the table, which is all in the settings.
 
-    Parameters
-    ----------
-    rows : {"order", "kind", "latitude_class", "value" (3,), "sigma" (3,)} um, None where nothing is printed
-    inertia : (3, 3) kg m2
-    dipole : A m2, full scale of a rod
-    igrf_generation : of the field
+    Rows are {"order", "kind", "latitude_class", "value" (3,), "sigma" (3,)} um, None where nothing is printed; the
+    dipole of a rod is A m2 at full scale.
     """
     arrays = [dict(row) | {n: 1e-6 * np.array(row[n], dtype=float) for n in ("value", "sigma")} for row in rows]
     return Table(arrays, (tuple(np.diag(inertia)), dipole, igrf_generation))
@@ -107,7 +101,6 @@ class Table(Observations):
     channels = ("table",)
     parameters = ("x", "y", "z")
     unit, scale, start = "um", np.full(3, 1e6), np.zeros(3)
-    step = "unknown:step"
     whole_manoeuvres = True
 
     @functools.cached_property

@@ -17,7 +17,7 @@ from gravcal.calibrations import checks, named_parameters, schemas
 from gravcal.calibrations.align import late_of_pair
 from gravcal.calibrations.schemas import build
 from gravcal.effects.ranging import BANDS_HZ
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation.noise import filtered, fit_noise, in_bands, log_linear
 from gravcal.physics import orbit_environment
@@ -42,18 +42,13 @@ LEAST_GAIN = 0.5  # of the pointing: motion exceeds its noise
 def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, nominal_m, noise_hz: float) -> xr.Dataset:
     """Quiet ranging minus orbit, its columns by smoothed pointing, and what effects of the ranging look at.
 
-    Parameters
-    ----------
-    aligned : Dataset, "kbr_phase_centre.align"
-    pointed : Dataset, "kbr_phase_centre.pointing"
-    equations : Dataset, "kbr_phase_centre.observable" of the range
-    nominal_m : (2, 3) m, phase centres of the catalogue
-    noise_hz : Hz, above which pointing is all noise
+    Products are "align", "pointing" and "observable" of kbr_phase_centre; nominal_m (2, 3) are the phase centres of the
+    catalogue; above noise_hz pointing is all noise.
     """
     quiet = equations["arc"].values == -1
     at = equations["time_kbr"].values[quiet]
     if at.size < 2:
-        raise EstimationError(f"{equations.attrs['ranging']}: found no routine pointing. Give a day with orbits.")
+        refuse(equations.attrs["ranging"], "no routine pointing", "a day with orbits", "Give one.", EstimationError)
     second, line = pointed["time"].values, pointed["line_of_sight_b"].values
     known = np.isfinite(line).all(axis=(0, 2))
     line = np.stack([[np.interp(second, second[known], v[known]) for v in one.T] for one in line]).swapaxes(1, 2)
@@ -164,10 +159,9 @@ def blocks(
     parts = [np.flatnonzero(number == one) for one in np.unique(number)]
     parts = [part for part in parts if part.size * step > range_block_s / 2]
     if len(parts) < 2:
-        raise EstimationError(
-            f"{rows.attrs['ranging']}: found {len(parts)} blocks of {range_block_s:.0f} s that are at least half "
-            f"full, expected two or more, so that noise can be told from what they show. Give a longer record."
-        )
+        found = f"{len(parts)} blocks of {range_block_s:.0f} s that are at least half full"
+        expected = "two or more, so that noise can be told from what they show"
+        refuse(rows.attrs["ranging"], found, expected, "Give a longer record.", EstimationError)
     places = [np.rint((time[part] - time[part[0]]) / step).astype(int) for part in parts]
     slow = [least_squares.polynomial(time[part], range_degree, time[part[0]], time[part[-1]]) for part in parts]
     series = []
@@ -238,11 +232,7 @@ def step_of(rows: xr.Dataset) -> float:
 def estimate(rows: xr.Dataset, *, determined_limit_mm: float, **settings) -> xr.Dataset:
     """Phase centres from routine pointing, and the share of the antenna correction that the range shows by band.
 
-    Parameters
-    ----------
-    rows : Dataset, "ranging.align"
-    determined_limit_mm : mm, a component with a larger sigma is not determined
-    settings : range_block_s, range_degree, noise_order, as of `blocks`
+    Of "ranging.align"; a component with a larger sigma than the limit is not determined; settings as of `blocks`.
 
     Notes
     -----
@@ -319,12 +309,5 @@ def _densities(rows, parts, observed):
 
 
 def check(pair: xr.Dataset, found: xr.Dataset, *, agreement_limit: float) -> xr.Dataset:
-    """Checks of the inputs against each other and of the result.
-
-    Parameters
-    ----------
-    pair : Dataset, "kbr_phase_centre.checks"
-    found : Dataset, "ranging.estimate"
-    agreement_limit : smallest probability of the disagreement of the parts
-    """
+    """Checks of the pair ("kbr_phase_centre.checks") and of the result ("ranging.estimate")."""
     return checks.product([*checks.of_product(pair), *named_parameters.checks(found, agreement_limit)])

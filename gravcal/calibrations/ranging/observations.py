@@ -4,8 +4,6 @@ No parameter but bias and slow orbit error of each block is free in the baseline
 pointing as measured; its noise and phase centres are among the causes. Noise is measured beside all of them at once.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -39,16 +37,11 @@ WHOLE_S = 0.5  # delays are looked for in whole seconds
 
 def observe(
     products: Mapping[str, xr.Dataset], *, nominal_m, correction_left_out: bool, determined_limit_mm: float, **settings
-) -> Routine:
-    """Observations of a day.
+) -> "Routine":
+    """Observations of a day ("ranging.align"); settings as of `model.blocks`.
 
-    Parameters
-    ----------
-    products : "align" of ranging
-    nominal_m : (2, 3) m, phase centres of the catalogue
-    correction_left_out : True takes the antenna correction of these away: a phase centre may then be named
-    determined_limit_mm : mm, a component of a phase centre with a larger sigma is not determined
-    settings : range_block_s, range_degree, noise_order, as of `model.blocks`
+    correction_left_out takes the antenna correction of nominal_m (2, 3) away: a phase centre may then be named, a
+    component with a larger sigma than the limit not.
     """
     rows, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
     refuse_late_orbits(rows["late"].values, rows.attrs["satellites"])
@@ -94,7 +87,6 @@ class Routine(Observations):
     channels = ("range",)
     parameters = ()
     unit, scale, start = "mm", np.zeros(0), np.zeros(0)
-    step = "unknown:step"
 
     @property
     def shifted(self) -> bool:

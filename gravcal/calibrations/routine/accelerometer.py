@@ -12,7 +12,7 @@ from gravcal.calibrations import checks, named_parameters, schemas
 from gravcal.calibrations.align import QUATERNION, gps_tags, sorted_samples, usable
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import chi2_tail, least_squares, timing
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic
@@ -59,14 +59,8 @@ def align(
 ) -> xr.Dataset:
     """Readings averaged over steps, with torquers and firings beside them.
 
-    Parameters
-    ----------
-    acc, camera, orbit, tim1b, clk1b : Dataset, "ingest" of ACC1A, SCA1B, GNV1B, TIM1B and CLK1B
-    others : "ingest" of MAG1B and THR1B, as far as there are
-    inertia, dipole_per_current : (3, 3) kg m2; (3,) A m2 mA-1
-    position_b, force_b : (14, 3) m and N, in the order of the columns of THR1B
-    step_s, clock_gap_limit_s : s, over which readings are averaged; longest gap of a clock that is bridged
-    igrf_generation : of the reference field
+    Given are "ingest" of ACC1A, SCA1B, GNV1B, TIM1B and CLK1B, others those of MAG1B and THR1B, as far as there are.
+    Settings have inertia (3, 3), dipole_per_current (3,) A m2 mA-1, position_b and force_b (14, 3) as THR1B has them.
     """
     given = {one.attrs["product"]: one for one in others}
     tags = gps_tags(acc, tim1b, clk1b, clock_gap_limit_s)
@@ -78,9 +72,8 @@ def align(
     for covered in (sca_time, orbit_time):
         good &= (time >= covered[0]) & (time <= covered[-1]) if covered.size > 3 else False
     if not good.any():
-        raise EstimationError(
-            "accelerometer: found no reading with attitude and orbit. Give files of the same minutes."
-        )
+        expected, remedy = "some in the same minutes", "Give files of the same minutes."
+        refuse("accelerometer", "no reading with attitude and orbit", expected, remedy, EstimationError)
     time, values = time[good], values[good]
     first = np.floor(time[0] / step_s) * step_s
     place = np.floor((time - first) / step_s).astype(int)
@@ -88,10 +81,8 @@ def align(
     mean = np.stack([np.bincount(place, one) for one in values.T], axis=1) / np.maximum(count, 1)[:, None]
     mean[count < 0.7 * np.median(count[count > 0])] = np.nan  # a mean of half a step is another signal
     if np.isfinite(mean[:, 0]).sum() < LEAST:
-        raise EstimationError(
-            f"accelerometer: found {int(np.isfinite(mean[:, 0]).sum())} steps of {step_s:g} s with readings, expected "
-            f"{LEAST}. Give a longer record or a smaller step_s."
-        )
+        found, remedy = f"{np.isfinite(mean[:, 0]).sum()} steps of {step_s:g} s with readings", "Give a longer record."
+        refuse("accelerometer", found, LEAST, remedy, EstimationError)
     middle = first + step_s * (np.arange(count.size) + 0.5)
     # a firing is short, samples are not at whole tenths: a mean belongs to the time that its samples cover
     half = np.median(np.diff(time)) / 2
@@ -221,15 +212,7 @@ def estimate(
     determined_ratio: float,
     transient_sigma: float,
 ) -> xr.Dataset:
-    """All causes together, by the noise that they leave; the slow part of every block free.
-
-    Parameters
-    ----------
-    aligned : Dataset, "routine.align"
-    block_s, knot_s : s, length of a block and spacing of the knots of its slow part
-    noise_order, parts : coefficients of the noise of each component; parts of the record that are also solved alone
-    determined_ratio, transient_sigma : largest sigma over the plausible size; size of noise that is called a transient
-    """
+    """All causes together ("routine.align"), by the noise that they leave; the slow part of every block free."""
     pieces, observed, by_component = list(blocks(aligned, block_s, knot_s)), readings(aligned), [None] * 6
     delay = _first_delay(aligned, pieces, observed)
     amplitude = np.concatenate([np.zeros((6, 3)), aligned["nominal_b"].values], axis=1)

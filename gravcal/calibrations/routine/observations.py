@@ -1,7 +1,5 @@
 """Readings of an accelerometer as discovery sees them: only their slow part is free, firings are among the causes."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -21,7 +19,7 @@ FIRINGS = "torque.thruster_firings"
 
 def observe(
     products: Mapping[str, xr.Dataset], *, block_s: float, knot_s: float, noise_order: int, transient_sigma: float
-) -> Readings:
+) -> "Readings":
     """Observations of one record.
 
     Parameters
@@ -76,7 +74,6 @@ class Readings(Observations):
     channels = ("linear", "angular")
     parameters = ()
     unit, scale, start = "1", np.zeros(0), np.zeros(0)
-    step = "unknown:step"
 
     @property
     def noise_order(self) -> dict[str, int]:

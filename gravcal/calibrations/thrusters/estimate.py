@@ -41,14 +41,7 @@ class Rows:
 
 
 def rows_of(camera: model.Camera, noise: Noise, inertia_b, *, block_s: float, knot_s: float) -> list[Rows]:
-    """Whitened rows of every block; epochs of a camera whose noise is not known are left out.
-
-    Parameters
-    ----------
-    camera : Camera; noise : Noise
-    inertia_b : (3, 3) kg m2
-    block_s, knot_s : s, length of the blocks and spacing of the knots of the smooth torque
-    """
+    """Whitened rows of every block of block_s; epochs of a camera whose noise is not known are left out."""
     usable, made = camera.part(np.isin(camera.head, list(noise.factor))), []
     for segment in model.segments(usable, inertia_b, block_s=block_s, knot_s=knot_s):
         smooth = np.einsum("nk,ac->nakc", segment.smooth, np.eye(3)).reshape(segment.place.size, 3, -1)
@@ -70,17 +63,8 @@ def inflation(parts: list[Rows], present: list[np.ndarray], wrong: Iterable[list
 
     Quiet stretches are quieter than the rest of the day, so that the noise measured in them makes every gain look
     larger than it is. What firings at wrong times gain, with the causes that are there in the model, shows by how much.
-
-    Parameters
-    ----------
-    parts : of `rows_of`
-    present : whitened columns (n, q) of all causes that are in the model, a block each
-    wrong : whitened columns (n, 3) of every wrong time, a block each
-
-    Returns
-    -------
-    factor : mean gain over its expectation, at least 1
-    gains : (k,) of each wrong time
+    Whitened columns of each block are (n, q) of all causes in the model and, of every wrong time, (n, 3); with the
+    factor come the gains (k,) of each wrong time.
     """
     columns = [part.less(one) for part, one in zip(parts, present, strict=True)]
     rest = [part.less(part.observed) for part in parts]
@@ -116,14 +100,7 @@ def estimate(
 ) -> xr.Dataset:
     """Gain of the impulses about each axis and delay of the tags, steps of the cameras and a smooth torque free.
 
-    Parameters
-    ----------
-    aligned : Dataset, "thrusters.align"
-    measured : Dataset, "thrusters.noise"
-    inertia : (3, 3) kg m2
-    block_s, knot_s : s, length of the blocks and spacing of the knots of the smooth torque
-    parts : of the record that are also solved alone
-    determined_ratio : largest sigma of a parameter over the plausible size in the catalogue of effects
+    Products are "thrusters.align" and "thrusters.noise".
 
     Notes
     -----
@@ -169,36 +146,21 @@ def estimate(
     return build(SCHEMAS["estimate"], found | {"firings": firings.time.size})
 
 
-def check(
-    aligned: xr.Dataset,
-    found: xr.Dataset,
-    *,
-    jump_limit_rad: float,
-    velocity_limit_m_s: float,
-    inflation_limit: float,
-    agreement_limit: float,
-) -> xr.Dataset:
-    """Checks of the inputs against each other and of the result.
-
-    Parameters
-    ----------
-    aligned : Dataset, "thrusters.align"; found : Dataset, "thrusters.estimate"
-    jump_limit_rad : rad, change of the turn from one attitude to the next
-    velocity_limit_m_s : m s-1, mean velocity against change of position
-    inflation_limit : largest variance of the day over that of its quiet stretches
-    agreement_limit : smallest probability of the disagreement of the parts
-    """
+def check(aligned: xr.Dataset, found: xr.Dataset, **limits: float) -> xr.Dataset:
+    """Checks of the inputs against each other and of the result, "thrusters.align" and "thrusters.estimate"."""
     jump = checks.attitude_jump(aligned["time"].values, aligned["quaternion"].values)
     ratio, inflated = found["gain"] / max(float(found["shifted_gain"].max()), 1.0), found["inflation"]
     made = [
-        at_most("jump of the attitude", jump, jump_limit_rad, "rad"),
-        at_most("velocity against change of position", aligned["velocity_error"], velocity_limit_m_s, "m s-1"),
+        at_most("jump of the attitude", jump, limits["jump_limit_rad"], "rad"),
+        at_most(
+            "velocity against change of position", aligned["velocity_error"], limits["velocity_limit_m_s"], "m s-1"
+        ),
         at_least("firings in the record", int(found["firings"]), 1, "1"),
         at_least("chi-square gained by the firings over the most at wrong times", ratio, 1.0, "1"),
-        at_most("variance of the day over that of its quiet stretches", inflated, inflation_limit, "1"),
+        at_most("variance of the day over that of its quiet stretches", inflated, limits["inflation_limit"], "1"),
     ]
     value, sigma = found["value"].values[:3], found["sigma"].values[:3]
     if np.isfinite(value).any():
         least = np.nanmin(value + 3 * sigma)
         made.append(at_least("smallest gain and three sigma", least, 0.0, "1"))
-    return checks.product([*made, *named_parameters.checks(found, agreement_limit)])
+    return checks.product([*made, *named_parameters.checks(found, limits["agreement_limit"])])

@@ -1,7 +1,5 @@
 """Records of a day, and the attitude that firings, a smooth torque and the cameras make."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
@@ -14,7 +12,7 @@ from scipy.ndimage import uniform_filter1d
 from gravcal.calibrations import checks, schemas
 from gravcal.calibrations.align import QUATERNION, own_tags, sorted_samples, usable
 from gravcal.calibrations.schemas import build
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import least_squares, timing
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import earth, frames, magnetic
@@ -44,7 +42,7 @@ class Camera:
     quality: np.ndarray  #: (n,) rad, root of the sum of squares given by the product
     step_s: float  #: s
 
-    def part(self, rows: np.ndarray) -> Camera:
+    def part(self, rows: np.ndarray) -> "Camera":
         """Camera with some of its epochs."""
         return Camera(self.time[rows], self.quaternion[rows], self.head[rows], self.quality[rows], self.step_s)
 
@@ -56,28 +54,18 @@ class Firings:
     time: np.ndarray
     impulse_b: np.ndarray
 
-    def late_by(self, delay_s: float) -> Firings:
+    def late_by(self, delay_s: float) -> "Firings":
         """Firings as they were if their tags are late by so many seconds."""
         return Firings(self.time - delay_s, self.impulse_b)
 
 
 @dataclass(frozen=True)
-class Orbit:
-    """Time (m,) s, inertial position (m, 3) m and field (m, 3) T."""
-
-    time: np.ndarray
-    position_i: np.ndarray
-    field_i: np.ndarray
-
-
-@dataclass(frozen=True)
 class Records:
-    """What a day holds: attitude, firings, firings of the twin satellite (None without), orbit."""
+    """What a day holds: attitude, firings, firings of the twin satellite (None without)."""
 
     camera: Camera
     firings: Firings
     twin: Firings | None
-    orbit: Orbit
 
 
 def align(
@@ -85,23 +73,16 @@ def align(
 ) -> xr.Dataset:
     """Usable attitudes, firings with their nominal impulses, and the orbit of one day.
 
-    Parameters
-    ----------
-    observed, fired, orbit : Dataset, "ingest" of SCA1B, THR1B, GNV1B
-    twin : "ingest" of THR1B of the other satellite of the pair, at most one
-    position_b, force_b : (14, 3) m and N, in the order of the columns of THR1B
-    igrf_generation : of the field along the orbit
+    Of "ingest" of SCA1B, THR1B, GNV1B and, as twin, THR1B of the other satellite of the pair; position_b and force_b
+    are (14, 3) m and N, in the order of the columns of THR1B.
     """
     low = (observed["qualflg"].values & LOW_RATE) != 0
     time, values, flag, _ = sorted_samples(observed, own_tags(observed), (*QUATERNION, "sca_id", "qual_rss"), low)
     norm = np.linalg.norm(values[:, :4], axis=1)
     good = (flag == 0) & np.isfinite(values).all(axis=1) & (np.abs(norm - 1) < 1e-3)
     if good.sum() < QUIET_LEAST:
-        raise EstimationError(
-            f"{observed.attrs.get('file', 'SCA1B')}: found {int(good.sum())} usable attitudes, expected at least "
-            f"{QUIET_LEAST}. Give a longer record.",
-            usable=int(good.sum()),
-        )
+        found, file = f"{good.sum()} usable attitudes", observed.attrs.get("file", "SCA1B")
+        refuse(file, found, f"at least {QUIET_LEAST}", "Give a longer record.", EstimationError, usable=int(good.sum()))
     found = {"time": time[good], "quaternion": frames.continuous(values[good, :4] / norm[good, None])}
     found |= {"head": values[good, 4].astype(int), "quality": values[good, 5], "step": np.median(np.diff(time[good]))}
     own = _firings(fired, position_b, force_b)
@@ -135,23 +116,11 @@ def records(aligned: xr.Dataset) -> Records:
     one = {name: aligned[name].values for name in aligned.variables}
     camera = Camera(one["time"], one["quaternion"], one["head"], one["quality"], float(one["step"]))
     twin = Firings(one["twin_firing"], one["twin_impulse_b"]) if "twin_firing" in one else None
-    orbit = Orbit(one["time_orbit"], one["position_i"], one["field_i"])
-    return Records(camera, Firings(one["firing"], one["impulse_b"]), twin, orbit)
+    return Records(camera, Firings(one["firing"], one["impulse_b"]), twin)
 
 
 def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Small rotation from a steady turn to the attitude, and the rate of that turn.
-
-    Parameters
-    ----------
-    time : (n,) s, increasing
-    quaternion : (n, 4) scalar first, continuous in sign
-
-    Returns
-    -------
-    angle_b : (n, 3) rad
-    rate_b : (3,) rad s-1
-    """
+    """Small rotation (n, 3) rad from a steady turn to continuous attitudes (n, 4), and the rate (3,) of that turn."""
     steps = frames.rotation_vector(frames.quaternion_product(frames.conjugate(quaternion[:-1]), quaternion[1:]))
     rate = steps.sum(axis=0) / (time[-1] - time[0])
     middle = time.size // 2
@@ -162,11 +131,6 @@ def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.
 
 def late(one: Records, inertia_b) -> int:
     """Whole seconds by which firings are tagged late against the attitude, 0 where none stands out, as of few firings.
-
-    Parameters
-    ----------
-    one : of the day
-    inertia_b : (3, 3) kg m2
 
     Notes
     -----
@@ -194,13 +158,7 @@ def late(one: Records, inertia_b) -> int:
 
 
 def smooth_torque(time: np.ndarray, knot_s: float) -> np.ndarray:
-    """Attitudes (n, k) that torques with a knot every so many seconds can make, start and rate included.
-
-    Parameters
-    ----------
-    time : (n,) s
-    knot_s : s, spacing of the knots of the cubic torque; the attitude is a spline of degree 5 on them
-    """
+    """Attitudes (n, k) that cubic torques with a knot every so many seconds can make, splines of degree 5 on them."""
     start, stop = time[0], time[-1] + 1e-3
     count = max(int(np.ceil((stop - start) / knot_s)), 1)
     inner = np.linspace(start, stop, count + 1)
@@ -211,11 +169,7 @@ def smooth_torque(time: np.ndarray, knot_s: float) -> np.ndarray:
 def impulse_response(inertia_b: np.ndarray, rate_b: np.ndarray, span_s: float) -> Callable[[np.ndarray], np.ndarray]:
     """Small rotation after an impulse about a steady turn: function (...,) s -> (..., 3, 3) rad per N m s.
 
-    Parameters
-    ----------
-    inertia_b : (3, 3) kg m2
-    rate_b : (3,) rad s-1, of the turn
-    span_s : s, longest lag
+    The rate_b (3,) rad s-1 is that of the turn, span_s the longest lag.
 
     Notes
     -----
@@ -331,25 +285,17 @@ def noise_of(measured: xr.Dataset) -> Noise:
 def quiet_noise(
     aligned: xr.Dataset, *, quiet_minimum_s: float, knot_s: float, noise_order: int, head_minimum: int
 ) -> xr.Dataset:
-    """Noise of the attitude from stretches without firings, the smooth torque of each removed.
+    """Noise of the attitude ("thrusters.align") from stretches without firings, the smooth torque of each removed.
 
-    Parameters
-    ----------
-    aligned : Dataset, "thrusters.align"
-    quiet_minimum_s : s, shortest stretch without firings
-    knot_s : s, of the smooth torque
-    noise_order : coefficients of the noise models
-    head_minimum : epochs of a camera below which its covariance is not measured and it is not used
+    A camera with fewer epochs than head_minimum is not used: its covariance is not measured.
     """
     one = records(aligned)
     pieces = list(_quiet(one.camera, one.firings.time, quiet_minimum_s, knot_s))
     samples = sum(len(residual) for residual, *_ in pieces)
     if samples < QUIET_LEAST:
-        raise EstimationError(
-            f"found {len(pieces)} stretches of {quiet_minimum_s:.0f} s without a firing, expected {QUIET_LEAST} "
-            f"epochs in them to measure the noise of the attitude. Give a longer record or a smaller quiet_minimum_s.",
-            stretches=len(pieces),
-        )
+        found, expected = f"{samples} epochs without a firing", f"{QUIET_LEAST} to measure the noise of the attitude"
+        remedy = "Give a longer record or a smaller quiet_minimum_s."
+        refuse("attitude", found, expected, remedy, EstimationError, stretches=len(pieces))
     residual, head = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
     removed = sum(piece[3] for piece in pieces)
     factor = {}
@@ -359,10 +305,8 @@ def quiet_noise(
             covariance = own.T @ own / len(own) * samples / (samples - removed)
             factor[int(known)] = np.linalg.inv(np.linalg.cholesky(covariance))
     if not factor:
-        raise EstimationError(
-            f"found {samples} quiet epochs of {np.unique(head).size} cameras, expected {head_minimum} of one to "
-            f"measure its noise. Give a longer record or a smaller head_minimum."
-        )
+        found, remedy = f"{samples} quiet epochs of {np.unique(head).size} cameras", "Give a longer record."
+        refuse("attitude", found, f"{head_minimum} of one to measure its noise", remedy, EstimationError)
     grids = []
     for values, heads, place, _ in pieces:
         known = np.isin(heads, list(factor))

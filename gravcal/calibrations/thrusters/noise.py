@@ -141,14 +141,9 @@ def densities(pieces: list[tuple], band: int, every: list[int], axes_b: np.ndarr
 
 
 def heads(observed: xr.Dataset, *, mounting, block_s: float, parts: int) -> xr.Dataset:
-    """Mounting of each further head against the first, and noise of each about its own axes.
+    """Mounting of each further head against the first, and noise of each about its own axes, of "ingest" of SCA1A.
 
-    Parameters
-    ----------
-    observed : Dataset, "ingest" of SCA1A
-    mounting : (heads, 4) nominal, scalar first, of QSA1B
-    block_s : s, length of the blocks whose means and periodograms are taken
-    parts : of the record that are also solved alone
+    The nominal mounting (heads, 4), scalar first, is that of QSA1B; means and periodograms are of blocks of block_s.
 
     Notes
     -----

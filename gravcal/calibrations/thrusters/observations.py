@@ -1,7 +1,5 @@
 """Attitude against firings as discovery sees it: a smooth torque in every block, firings among the causes."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,15 +25,8 @@ HEADS = 0b111  # bits of sca_id that are heads; another is the gyroscopes
 SEEN = 3.0  # sigma of a bias between heads that may move the attitude
 
 
-def observe(products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot_s: float) -> Attitude:
-    """Observations of one day.
-
-    Parameters
-    ----------
-    products : "align" and "noise" of thrusters; "heads" where there is SCA1A
-    inertia : (3, 3) kg m2
-    block_s, knot_s : s, length of the blocks and spacing of the knots of the smooth torque
-    """
+def observe(products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot_s: float) -> "Attitude":
+    """Observations of one day: "align" and "noise" of thrusters, "heads" where there is SCA1A."""
     records, noise = model.records(products["align"]), model.noise_of(products["noise"])
     rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
     late = model.late(records, inertia)
@@ -58,7 +49,6 @@ class Attitude(Observations):
     channels = ("roll", "pitch", "yaw")
     parameters = ()
     unit, scale, start = "1", np.zeros(0), np.zeros(0)
-    step = "unknown:step"
     readable = ("none",)
 
     @property
@@ -130,14 +120,15 @@ class Attitude(Observations):
 
     def _along_the_orbit(self, segments: list[Segment]):
         """Torque that is there in sunlight only, and a constant dipole of the satellite in the field."""
-        orbit, dipole = self.records.orbit, effect("torque.residual_dipole")
-        light = orbit_environment.sunlit(orbit.position_i, orbit_environment.sun_i(orbit.time[:1])).astype(float)
+        orbit, position, field = (self.aligned[name].values for name in ("time_orbit", "position_i", "field_i"))
+        dipole = effect("torque.residual_dipole")
+        light = orbit_environment.sunlit(position, orbit_environment.sun_i(orbit[:1])).astype(float)
         in_light, of_dipole = [], []
         for segment in segments:
             time = segment.camera.time
-            lit = np.interp(time, orbit.time, light)
+            lit = np.interp(time, orbit, light)
             in_light.append(segment.sharp(segment.after_torque(lit[:, None, None] * np.eye(3))))
-            field_i = np.stack([np.interp(time, orbit.time, component) for component in orbit.field_i.T], axis=1)
+            field_i = np.stack([np.interp(time, orbit, component) for component in field.T], axis=1)
             field_b = np.matvec(frames.R_bi_from_quaternion(segment.camera.quaternion), field_i)
             each = dipole.columns(Context(time=time, dipole_b=np.zeros((time.size, 3))))
             torque = np.cross(np.moveaxis(each, 2, 1), field_b[:, None, :])
@@ -147,11 +138,8 @@ class Attitude(Observations):
     @functools.cached_property
     def whitened(self) -> list[Candidate]:
         """The same causes with whitened rows."""
-        made = []
-        for one in self.signals:
-            columns = [row.whiten(c) for row, c in zip(self.rows, one.columns, strict=True)]
-            made.append(Candidate(one.cause, one.form, one.names, one.units, columns))
-        return made
+        each = ((one, zip(self.rows, one.columns, strict=True)) for one in self.signals)
+        return [replace(one, columns=[row.whiten(c) for row, c in pairs]) for one, pairs in each]
 
     @functools.cached_property
     def inflation(self) -> float:
@@ -175,10 +163,8 @@ class Attitude(Observations):
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
         """Causes, all divided by the inflation."""
-        made, size = [], np.sqrt(self.inflation)
-        for one in self.whitened:
-            made.append(Candidate(one.cause, one.form, one.names, one.units, [c / size for c in one.columns]))
-        return made
+        size = np.sqrt(self.inflation)
+        return [replace(one, columns=[c / size for c in one.columns]) for one in self.whitened]
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records with the attitude turned back by what the effects of a model add."""
