@@ -5,17 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations import align as records
 from gravcal.calibrations import schemas
-from gravcal.calibrations.align import (
-    QUATERNION,
-    STATE,
-    gps_tags,
-    in_windows,
-    near_windows,
-    orbit_states,
-    own_tags,
-    sorted_samples,
-)
+from gravcal.calibrations.align import in_windows, near_windows, own_tags, sorted_samples
 from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import robust
@@ -39,9 +31,8 @@ class Wave:
     """One square wave of one rod."""
 
     rod: int  #: 0, 1, 2 for x, y, z
-    #: lower, upper: (m + 1,) s, last sample before and first sample after each edge
-    lower: np.ndarray
-    upper: np.ndarray
+    lower: np.ndarray  #: (m + 1,) s, last sample before each edge
+    upper: np.ndarray  #: (m + 1,) s, first sample after it
     level: np.ndarray  #: (m,) mA, mean current of each half period
 
 
@@ -125,10 +116,8 @@ def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
     for wave in sorted(waves, key=lambda w: -np.mean(np.abs(w.level))):  # of those that overlap the strongest
         if all(wave.upper[-1] < other.lower[0] or wave.lower[0] > other.upper[-1] for other in kept):
             kept.append(wave)
-    return _as_dataset(sorted(kept, key=lambda w: w.lower[0]), time, field_b, settings["period_s"])
-
-
-def _as_dataset(waves, time, field_b, period):
+    waves = sorted(kept, key=lambda w: w.lower[0])
+    period = settings["period_s"]
     count = max((w.level.size for w in waves), default=0)
     filled = lambda values, size: np.append(values, np.full(size - values.size, np.nan))  # noqa: E731
     torques = [np.cross(np.eye(3)[w.rod], field_b[(time >= w.lower[0]) & (time <= w.upper[-1])]) for w in waves]
@@ -163,10 +152,10 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
     acc = acc.assign({n: ("record", np.full(acc.sizes["record"], np.nan)) for n in linear if n not in acc})
     field = tuple(f"Mfv{a}{suffix}" for a in "XYZ" for suffix in ("_RAW", "") if f"Mfv{a}{suffix}" in mag)
     sources = {
-        "acc": (acc, gps_tags(acc, tim1b, clk1b, settings["clock_gap_limit_s"]), linear),
-        "sca": (sca, own_tags(sca), QUATERNION),
+        "acc": (acc, records.gps_tags(acc, tim1b, clk1b, settings["clock_gap_limit_s"]), linear),
+        "sca": (sca, own_tags(sca), records.QUATERNION),
         "mag": (mag, own_tags(mag), (*field, "current_b")),
-        "orbit": (orbit, own_tags(orbit), STATE),
+        "orbit": (orbit, own_tags(orbit), records.STATE),
     }
     for name, (source, tags, columns) in sources.items():
         time, values, flag, counts[name] = sorted_samples(source, tags, columns)
@@ -208,7 +197,7 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
         "field_measured_b": 1e-6 * magnetic[:, :3],
         "current_b": magnetic[:, 3:],
     }
-    values |= orbit_states(*parts["orbit"][:2], orbit.attrs.get("product", ""))
+    values |= records.orbit_states(*parts["orbit"][:2], orbit.attrs.get("product", ""))
     values |= {name: detected[name].values for name in MANOEUVRE}
     attrs = {f"{n}_{k}": v for n, c in counts.items() for k, v in c.items()}
     return build(SCHEMAS["align"], values, title="Level-1 records on GPS time", **attrs)

@@ -1,5 +1,6 @@
 """Rotation of every manoeuvre: torques that act, dynamics fitted to the star camera, edge times in both instruments."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -28,9 +29,8 @@ LOOSE_TORQUE = 1e-3  # N m, above any torque of the environment: a prior that ke
 class Arc:
     """What turns the satellite during one manoeuvre."""
 
-    #: origin, stop: s, epoch of the state and end of the arc
-    origin: float
-    stop: float
+    origin: float  #: s, epoch of the state
+    stop: float  #: s, end of the arc
     edges: np.ndarray  #: (m + 1,) s
     dipole_b: np.ndarray  #: (m, 3) A m2, constant between them
     field_time: np.ndarray  #: (k,) s
@@ -124,35 +124,27 @@ def shifts_between_samples(arc: Arc, time: np.ndarray, near: float, width: float
     return near + (met[1:] + met[:-1]) / 2 if met.size else met
 
 
-@dataclass(frozen=True)
-class Propagator:
+def propagator(time: np.ndarray, transition: np.ndarray, breaks: np.ndarray) -> Callable[[Callable], np.ndarray]:
     """Attitude after small angular accelerations, by variation of constants, with its quadrature made once.
 
+    Function of `basis`, (m,) s -> (m, p, 3) rad s-2, smooth between the breaks (s), that gives (n, 3, p) rad at epochs
+    (n,) s; transition (n, 6, 6) of angle and rate from the origin. Four nodes lie in each interval without a jump.
     x(t) = Phi(t) int Phi(s)^-1 (0; b(s)) ds; CoM paper eqs. 21-25 with a source.
     """
-
-    transition: np.ndarray  #: (n, 6, 6) of angle and rate from the origin
-    at: np.ndarray  #: (4 s,) s, nodes of the quadrature, four in each of s intervals without a jump
-    weights: np.ndarray  #: (4 s, 6, 3) s, inverse of the transition at the nodes, times the weight of each
-    index: np.ndarray  #: (n,) intervals before each epoch
-
-    def __call__(self, basis) -> np.ndarray:
-        """Response (n, 3, p) rad to `basis`, (m,) s -> (m, p, 3) rad s-2, smooth between the breaks."""
-        integrand = self.weights @ basis(self.at).transpose(0, 2, 1)
-        pieces = integrand.reshape(-1, 4, *integrand.shape[1:]).sum(axis=1)
-        total = np.concatenate([np.zeros((1, *pieces.shape[1:])), np.cumsum(pieces, axis=0)])
-        return self.transition[:, :3] @ total[self.index]
-
-
-def propagator(time: np.ndarray, transition: np.ndarray, breaks: np.ndarray) -> Propagator:
-    """Propagator to epochs (n,) s by a transition (n, 6, 6) from the origin; accelerations jump at breaks (s)."""
     ends = np.unique(np.concatenate([[time[0]], breaks[(breaks > time[0]) & (breaks < time[-1])], time]))
     node, weight = np.polynomial.legendre.leggauss(4)
     span = np.diff(ends)
     at = ((ends[:-1, None] + ends[1:, None]) / 2 + span[:, None] / 2 * node).ravel()
     inverse = CubicSpline(time, np.linalg.inv(transition)[:, :, 3:])(at)
-    share = (span[:, None] / 2 * weight).reshape(-1, 1, 1)
-    return Propagator(transition, at, share * inverse, np.searchsorted(ends, time))
+    weights, index = (span[:, None] / 2 * weight).reshape(-1, 1, 1) * inverse, np.searchsorted(ends, time)
+
+    def response(basis):
+        integrand = weights @ basis(at).transpose(0, 2, 1)
+        pieces = integrand.reshape(-1, 4, *integrand.shape[1:]).sum(axis=1)
+        total = np.concatenate([np.zeros((1, *pieces.shape[1:])), np.cumsum(pieces, axis=0)])
+        return transition[:, :3] @ total[index]
+
+    return response
 
 
 def magnetic_acceleration(arc: Arc, shift: float, time: np.ndarray, field_b: np.ndarray, width: float) -> np.ndarray:
@@ -193,9 +185,8 @@ class Window:
     quaternion: np.ndarray  #: (n, 4)
     good: np.ndarray  #: (n,) bool
     acc: slice  #: slice of the accelerometer samples inside the arc
-    #: lower, upper: s, interval of the first edge
-    lower: float
-    upper: float
+    lower: float  #: s, begin of the interval of the first edge
+    upper: float  #: s, end of it
 
 
 def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: bool) -> list[Window]:
@@ -530,7 +521,19 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
     prior = np.repeat([weight for _, weight in unknowns.values()], [size for size, _ in unknowns.values()])
     previous, slow = np.inf, None
     for _ in range(max(choice.iterations, 1)):
-        residual, design, slow = _linearised(window, solution, choice, slow)
+        modelled, _, _, sensitivity = dynamics.integrate_with_sensitivity(
+            window.time, solution.state, torque_of(arc, solution), max_step=choice.step_s
+        )
+        residual, columns = frames.attitude_error(window.quaternion, modelled), [sensitivity[:, :3, :6]]
+        if choice.torque_degree >= 0:  # the response to the slow torque stays as it is
+            if slow is None:
+                slow = slow_torque_response(arc, window.time, sensitivity[:, :, :6], choice.torque_degree)
+            columns.append(slow)
+        if choice.scale_sigma > 0:
+            columns.append(sensitivity[:, :3, 6:9])
+        if choice.shift_sigma > 0:
+            columns.append(sensitivity[:, :3, 9:10])
+        design = np.concatenate(columns, axis=2)
         rows = whitened(noise, np.concatenate([residual[:, :, None], design], axis=2), good)
         y, A = rows[:, 0], rows[:, 1:]
         present = {  # distance of each unknown from its prior mean
@@ -557,25 +560,6 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
     return Fit(solution, residual, design, covariance(normal), names)
 
 
-def _linearised(window, solution, choice, slow):
-    """Residual angles, their derivatives by the unknowns, and those by the slow torque, which stay as they are."""
-    arc, time = window.arc, window.time
-    modelled, _, _, sensitivity = dynamics.integrate_with_sensitivity(
-        time, solution.state, torque_of(arc, solution), max_step=choice.step_s
-    )
-    residual = frames.attitude_error(window.quaternion, modelled)
-    columns = [sensitivity[:, :3, :6]]
-    if choice.torque_degree >= 0:
-        if slow is None:
-            slow = slow_torque_response(arc, time, sensitivity[:, :, :6], choice.torque_degree)
-        columns.append(slow)
-    if choice.scale_sigma > 0:
-        columns.append(sensitivity[:, :3, 6:9])
-    if choice.shift_sigma > 0:
-        columns.append(sensitivity[:, :3, 9:10])
-    return residual, np.concatenate(columns, axis=2), slow
-
-
 def slow_torque_response(arc: Arc, time, transition, degree: int) -> np.ndarray:
     """Response (n, 3, 3 (degree + 1)) rad to Legendre torques of 1 N m, degree by degree, axis by axis."""
     inverse = np.linalg.inv(arc.inertia)
@@ -593,12 +577,10 @@ def slow_torque_response(arc: Arc, time, transition, degree: int) -> np.ndarray:
 class WaveFit:
     """Square wave seen in a measured angular acceleration."""
 
-    #: shift, shift_sigma: s, by which the wave appears later than assumed
-    shift: float
-    shift_sigma: float
-    #: scale, scale_sigma: (3,) measured over modelled, sigma infinite for an axis that is not turned
-    scale: np.ndarray
-    scale_sigma: np.ndarray
+    shift: float  #: s, by which the wave appears later than assumed
+    shift_sigma: float  #: s
+    scale: np.ndarray  #: (3,) measured over modelled
+    scale_sigma: np.ndarray  #: (3,) infinite for an axis that is not turned
     residual: np.ndarray  #: (n, 3) rad s-2, resampled, drift removed
     momentary: bool  #: readings are those at their epochs, not means over the sampling interval
 

@@ -37,6 +37,12 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
     used = checked["used"].values.astype(bool)
     field = checked["time_mag"].values[used], 1e9 * np.linalg.norm(checked["difference_b"].values[used], axis=1)
     outliers = [float(np.mean(aligned[f"{name}_flag"].values == OUTLIER)) for name in REACH]
+    longest = [np.nan]
+    for sensor, names in CHANNELS.items():
+        usable = aligned[f"{sensor}_flag"].values == 0
+        values = np.concatenate([aligned[n].values[usable] for n in names], axis=1)
+        values, tags = values[:, np.isfinite(values).any(axis=0)], aligned[f"time_{sensor}"].values[usable]
+        longest += [checking.longest_constant(tags, values, STEP_LIMIT_S)] if values.size else []
     found = [
         at_most("position against velocity", _misfit(*derivative, piece), limits["velocity_limit_m_s"], "m s-1"),
         at_most("velocity against gravity", _misfit(*pull, piece), limits["gravity_limit_m_s2"], "m s-2"),
@@ -48,7 +54,7 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
         at_most("attitude against orbit", _misfit(*pointing, piece), limits["pointing_limit_deg"], "deg"),
         at_most("magnetometer against IGRF", _misfit(*field, piece), limits["field_limit_nt"], "nT"),
         at_most("isolated outliers, share", max(outliers), limits["outlier_limit"], "1"),
-        at_most("unchanged readings", _unchanged(aligned), limits["unchanged_limit_s"], "s"),
+        at_most("unchanged readings", np.fmax.reduce(longest), limits["unchanged_limit_s"], "s"),
         *_motion(smoothed, late(aligned), limits),
     ]
     return checking.product([one for one in found if not np.isnan(one.value)])
@@ -101,30 +107,6 @@ def _pointing(aligned, time, position, velocity):
         ahead, down = (np.matvec(R_bi, v / np.linalg.norm(v, axis=1, keepdims=True)) for v in towards)
         cosine = np.minimum(np.abs(ahead[:, 0]), down[:, 2])
         return epoch, np.degrees(np.arccos(np.clip(cosine, -1, 1)))
-
-
-def _unchanged(aligned):
-    """Longest time (s) over which a channel reads the same at every sample; NaN without a reading."""
-    longest = [np.nan]
-    for sensor, names in CHANNELS.items():
-        usable = aligned[f"{sensor}_flag"].values == 0
-        values = np.concatenate([aligned[n].values[usable] for n in names], axis=1)
-        values, time = values[:, np.isfinite(values).any(axis=0)], aligned[f"time_{sensor}"].values[usable]
-        longest += [checking.longest_constant(time, values, STEP_LIMIT_S)] if values.size else []
-    return np.fmax.reduce(longest)
-
-
-def _apart_by_axis(known, limit):
-    """Scale (3,) of the angular accelerometer over that of the star camera, from one; the torque they share drops out.
-
-    The weighted mean over manoeuvres; NaN where it is not known to a quarter of the limit.
-    """
-    size = np.maximum(np.hypot(known["torque_scale_sigma"], known["angular_scale_sigma"]), 1e-6)
-    seen = (known["rod"] >= 0)[:, None] & (size < limit / 2) & (known["torque_scale"] != 0)
-    off = np.divide(known["angular_scale"], known["torque_scale"], out=np.ones_like(size), where=seen) - 1
-    weight = np.where(seen, size**-2, 0.0)
-    total = np.maximum(weight.sum(axis=0), 1e-300)
-    return np.where(total > (4 / limit) ** 2, np.abs(np.sum(weight * off, axis=0)) / total, np.nan)
 
 
 def turning(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -185,7 +167,14 @@ def _motion(smoothed, far, limits):
         seen = (known[f"{name}_scale_sigma"] < limit / 5) & (known["rod"] >= 0)[:, None]
         off = np.abs(known[f"{name}_scale"] - 1)[seen]
         found.append(at_most(f"{said}, from one", largest(off), limit, "1"))
-    off = largest(_apart_by_axis(known, limits["angular_limit"]))
+    # scale of the angular accelerometer over that of the star camera, from one; the torque that they share drops out
+    limit = limits["angular_limit"]
+    size = np.maximum(np.hypot(known["torque_scale_sigma"], known["angular_scale_sigma"]), 1e-6)
+    seen = (known["rod"] >= 0)[:, None] & (size < limit / 2) & (known["torque_scale"] != 0)
+    off = np.divide(known["angular_scale"], known["torque_scale"], out=np.ones_like(size), where=seen) - 1
+    weight = np.where(seen, size**-2, 0.0)
+    total = np.maximum(weight.sum(axis=0), 1e-300)
+    off = largest(np.where(total > (4 / limit) ** 2, np.abs(np.sum(weight * off, axis=0)) / total, np.nan))
     found.append(at_most("angular accelerometer over star camera, from one", off, limits["angular_limit"], "1"))
     rms = 1e6 * largest(known["residual_rms"])
     found.append(at_most("star camera against dynamics, rms", rms, limits["attitude_limit_urad"], "urad"))

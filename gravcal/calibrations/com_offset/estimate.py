@@ -7,7 +7,7 @@ import xarray as xr
 
 from gravcal.calibrations.com_offset.model import SCHEMAS, VARIANTS, arrays, reading, samples, where
 from gravcal.calibrations.schemas import build, replaced, widened
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import estimate as estimating
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, levels, whiten
@@ -310,16 +310,8 @@ def _selected(solved):
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     mean, error = published_mean(solved["kind"].values, solved["latitude"].values, solved["offset"].values, sigma)
     total = np.diag(np.where(np.isfinite(error), error, np.inf) ** 2)
-    return {
-        "offset": mean,
-        "covariance": total,
-        "covariance_total": total,
-        "catalogue": np.zeros((0, 3)),
-        "noise": total,
-        "own": np.zeros((3, 3)),
-        "chi2": 0.0,
-        "dof": 0,
-    }
+    found = dict.fromkeys(("covariance", "covariance_total", "noise"), total)
+    return found | {"offset": mean, "catalogue": np.zeros((0, 3)), "own": np.zeros((3, 3)), "chi2": 0.0, "dof": 0}
 
 
 def _joint(solved):
@@ -328,24 +320,20 @@ def _joint(solved):
     catalogue = solved["mode_catalogue"].values.astype(bool)[shared]
     seen = np.flatnonzero(np.isfinite(solved["offset"].values).all(axis=1))
     if not seen.size:
-        none = np.full((3, 3), np.inf)
         nothing = {"offset": np.full(3, np.nan), "catalogue": np.zeros((catalogue.sum(), 3)), "chi2": 0.0, "dof": 0}
-        return nothing | {"covariance": none, "covariance_total": none, "noise": none, "own": none}
+        return nothing | dict.fromkeys(("covariance", "covariance_total", "noise", "own"), np.full((3, 3), np.inf))
     parts = [solved[n].values[seen] for n in ("right", "normal", "information")]
     scores = [least_squares.Score(*part) for part in zip(*parts, strict=True)]
     shift = solved["mode_shift"].values[seen]
     joined = least_squares.combine(scores, list(shift[:, ~shared]), list(shift[:, shared]), PRIOR)
     measured, given = joined.shift[~catalogue], joined.shift[catalogue]
     total = joined.covariance + measured.T @ measured
-    return {
+    found = {name: getattr(joined, name) for name in ("noise", "own", "chi2", "dof")}
+    return found | {
         "offset": joined.value,
         "covariance": total,
         "covariance_total": total + given.T @ given,
         "catalogue": given,
-        "noise": joined.noise,
-        "own": joined.own,
-        "chi2": joined.chi2,
-        "dof": joined.dof,
     }
 
 
@@ -505,11 +493,9 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
         return build(SCHEMAS["noise"], values, source_of_noise="none", step_s=step, order=0)
     silent = [axis for axis, size in zip("xyz", np.nanmax(np.abs(reading), axis=0), strict=True) if size < SILENT]
     if silent:
-        raise EstimationError(
-            f"linear acceleration along {', '.join(silent)}: found the same reading for {seconds:.0f} s, expected "
-            f"noise of 1e-10 m s-2. Fetch ACC1A again, or take another day.",
-            axes=silent,
-        )
+        found, remedy = f"the same reading for {seconds:.0f} s", "Fetch ACC1A again, or take another day."
+        where = f"linear acceleration along {', '.join(silent)}"
+        refuse(where, found, "noise of 1e-10 m s-2", remedy, EstimationError, axes=silent)
     cuts, quiet_parts = np.flatnonzero(np.diff(pieces["piece"].values)) + 1, []
     for grid, own in zip(np.split(pieces["epoch"].values, cuts), np.split(reading.copy(), cuts), strict=True):
         valid = np.isfinite(own[:, 0])

@@ -48,11 +48,12 @@ def _acceleration(one, tau, leads):
     edges = arc.edges + one.seen
     missing, _ = lag_missing(arc.edges, arc.dipole_b, tau)
     dipole = lagging(time, edges, arc.dipole_b, missing, tau, np.asarray(leads, dtype=float))
-    key = ("turning", CAUSE)
-    if key not in one.memory:  # what a unit dipole on each axis does
+
+    def turning(one):  # what a unit dipole on each axis does
         torque = np.stack([np.cross(unit, one.context.field_b) for unit in np.eye(3)], axis=2)
-        one.memory[key] = np.linalg.inv(one.context.inertia_b) @ torque
-    return one.memory[key] @ (dipole - one.context.dipole_b[:, :, None])
+        return np.linalg.inv(one.context.inertia_b) @ torque
+
+    return one.remembered(("turning", CAUSE), turning) @ (dipole - one.context.dipole_b[:, :, None])
 
 
 def per_second(one: Manoeuvre, tau: float, lead: float) -> dict[str, np.ndarray]:

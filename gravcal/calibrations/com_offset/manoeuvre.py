@@ -7,6 +7,7 @@ taken for a drift within the manoeuvre.
 """
 
 import functools
+from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -68,7 +69,7 @@ class Manoeuvre:
         return self.window.arc
 
     @functools.cached_property
-    def propagator(self) -> motion.Propagator:
+    def propagator(self) -> Callable[[Callable], np.ndarray]:
         """Attitude after angular accelerations that jump at the edges."""
         return motion.propagator(self.window.time, self.transition, self.arc.edges + self.shift)
 
@@ -124,9 +125,7 @@ class Manoeuvre:
     def at(self, time: np.ndarray) -> Context:
         """Context at any epochs of the manoeuvre."""
         key = (time.size, float(time[0]), float(time[-1]))
-        if key not in self.memory:
-            self.memory[key] = _context(self.window, self.shift, self.context, self.orbit, time)
-        return self.memory[key]
+        return self.remembered(key, lambda one: _context(one.window, one.shift, one.context, one.orbit, time))
 
     def remembered(self, key: tuple, make) -> dict[str, np.ndarray]:
         """Signal of this manoeuvre, made once."""

@@ -1,7 +1,5 @@
 """A centre-of-mass calibration as discovery sees it: one block a manoeuvre, and one of the edge times."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -15,7 +13,7 @@ from gravcal.calibrations.com_offset import checks, lag, manoeuvre, responses
 from gravcal.calibrations.com_offset.estimate import QUIET_S, adopted
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
 from gravcal.effects import effect
-from gravcal.errors import ProductError
+from gravcal.errors import refuse
 from gravcal.estimation.least_squares import polynomial, without
 from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, Reported
@@ -28,7 +26,7 @@ WHOLE_S = 0.5
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
 
 
-def observe(products: Mapping[str, xr.Dataset], **settings) -> ComOffset | Late | None:
+def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | Late | None":
     """Observations of an event from "align", "field", "attitude" and "solve" with variant mtq.
 
     None without manoeuvre.
@@ -52,10 +50,9 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> ComOffset | Late 
 class ComOffset(Observations):
     """Observations; noise, blocks and candidates are made when they are asked for."""
 
-    #: aligned, field, smoothed: Dataset, "com_offset.align", "com_offset.field", "com_offset.attitude"
-    aligned: xr.Dataset
-    field: xr.Dataset
-    smoothed: xr.Dataset
+    aligned: xr.Dataset  #: "com_offset.align"
+    field: xr.Dataset  #: "com_offset.field"
+    smoothed: xr.Dataset  #: "com_offset.attitude"
     start: np.ndarray  #: (3,) m, offset of all manoeuvres together
     views: list[Manoeuvre]  #: one a manoeuvre
     noise: dict  #: {channel: Measured}, of all views
@@ -76,10 +73,8 @@ class ComOffset(Observations):
             return {}
         models, samples = manoeuvre.quiet_noise(self.aligned, self.field, self.settings)
         if samples["linear"] * self.settings["step_s"] < QUIET_S:
-            raise ProductError(
-                "discovery: found less than 300 s of quiet data outside the manoeuvres, which the noise has to be "
-                "measured in. Give files that reach further before and after them."
-            )
+            remedy = "Give files that reach further before and after the manoeuvres."
+            refuse("discovery", "too little quiet data to measure the noise in", f"{QUIET_S:.0f} s", remedy)
         wider = [responses.attitude_of_torques(one) for one in self.views]
         order = self.settings["attitude_noise_order"]
         models["attitude"] = manoeuvre.attitude_noise(self.smoothed, self.views, wider, order)

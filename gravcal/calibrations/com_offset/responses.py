@@ -4,8 +4,6 @@ Edge times are one block beside the manoeuvres: edges of the accelerometer less 
 delay against the telemetry. Lines have a phase of their own in every manoeuvre.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
