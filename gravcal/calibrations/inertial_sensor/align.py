@@ -11,7 +11,7 @@ from scipy.ndimage import median_filter, uniform_filter1d
 from gravcal.calibrations import schemas
 from gravcal.calibrations.schemas import build
 from gravcal.effects import inertial_sensor as electrodes
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation.noise import runs
 from gravcal.physics import frames, gravity
 
@@ -69,18 +69,11 @@ def scatter_of_third_differences(values: np.ndarray) -> np.ndarray:
 
 
 def reduced(sensor: dict, tracker: dict, orbit: dict, step_s: float) -> dict[str, np.ndarray]:
-    """Bins of one span, for example of one day's files.
+    """Bins of one span, for example of one day's files; they begin at multiples of their length step_s.
 
-    Parameters
-    ----------
-    sensor : {"time": (n,) s, "volts": (n, 6) V}; tracker : {"time", "quaternion" (m, 4)}
-    orbit : {"time", "position" (r, 3) m, "velocity" (r, 3) m s-1}, inertial
-    step_s : s, length of a bin; bins begin at multiples of it
-
-    Returns
-    -------
-    bins : {"time" (b,) s; "linear_volt" (b, 3) V; "share" (b,) of the samples present and used;
-        "R_bo" (b, 3, 3), o: x radial, z along the flight; "rate_b" (b, 3); "gradient_b" (b, 3, 3)}, NaN where unknown
+    Of {"time", "volts" (n, 6) V}, {"time", "quaternion" (m, 4)} and {"time", "position", "velocity" (r, 3)}, inertial.
+    Bins {"time" (b,), "linear_volt" (b, 3) V, "share" (b,) of the samples present and used, "R_bo" (b, 3, 3), o with
+    x radial and z along the flight, "rate_b" (b, 3), "gradient_b" (b, 3, 3)} are NaN where unknown.
     """
     first = np.ceil(sensor["time"][0] / step_s - 1e-9)
     last = np.floor((sensor["time"][-1] + 1e-6) / step_s + 0.05)
@@ -208,13 +201,11 @@ def align(
     """
     start, stop = float(detected.swing_start[0]), float(detected.swing_stop[0])
     volts, attitude, path = (read(start - margin_s, stop + margin_s) for read in (sensor, tracker, orbit))
+    where = f"swing from {start:.0f} to {stop:.0f} s"
     for name, record in (("voltages", volts), ("attitudes", attitude), ("positions", path)):
         if record["time"].size < 2 or record["time"][0] > start or record["time"][-1] < stop:
-            raise EstimationError(
-                f"swing from {start:.0f} to {stop:.0f} s: found {name} that do not reach over it, "
-                f"expected them all the time. Check the time tags of the files, or give the missing ones.",
-                samples=int(record["time"].size),
-            )
+            remedy = "Check the time tags of the files, or give the missing ones."
+            refuse(where, f"{name} that do not reach over it", "them all the time", remedy, EstimationError)
     first = max(start - margin_s, volts["time"][0], path["time"][0])
     last = min(stop + margin_s, volts["time"][-1], path["time"][-1])
     time = SENSOR_STEP * np.arange(np.ceil(first / SENSOR_STEP), np.floor(last / SENSOR_STEP) + 1)
@@ -223,11 +214,9 @@ def align(
     begin, end = runs(missing.any(axis=1) & (time >= start - 5) & (time <= stop + 5))
     longest = float((end - begin).max(initial=0)) * SENSOR_STEP
     if longest > gap_limit_s:
-        raise EstimationError(
-            f"swing from {start:.0f} to {stop:.0f} s: found a gap of {longest:.1f} s in the voltages, expected "
-            f"at most {gap_limit_s:.1f} s, for they are integrated twice. Use another swing, or raise gap_limit_s.",
-            gap_s=longest,
-        )
+        found, remedy = f"a gap of {longest:.1f} s in the voltages", "Use another swing, or raise gap_limit_s."
+        expected = f"at most {gap_limit_s:.1f} s, for they are integrated twice"
+        refuse(where, found, expected, remedy, EstimationError, gap_s=longest)
     spike = spikes(repaired(time, recorded, missing), 5, spike_sigma) & ~missing
     used = (attitude["time"] >= time[0]) & (attitude["time"] <= time[-1])
     used &= np.isfinite(attitude["quaternion"]).all(axis=1)

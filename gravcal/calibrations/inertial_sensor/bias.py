@@ -52,16 +52,6 @@ class Model:
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Length of bins and segments, s; largest scatter of the roll rate and least share of samples of a segment, 1."""
-
-    step_s: float
-    segment_s: float
-    uniformity: float
-    share: float
-
-
-@dataclass(frozen=True)
 class Segments:
     """Constants of all segments."""
 
@@ -114,12 +104,12 @@ def bias(
     """
     sensor = sensor_of(swing, assumed)
     bins = {name: segmented[name].values for name in segmented.variables}
-    limits = Limits(bin_length(bins["time"], segment_s), segment_s, uniformity_limit, share_limit)
+    step = bin_length(bins["time"], segment_s)
     if method == "published":
         model = Model(trend_degree, amplitude_degree=1, harmonics=0, with_offset=False)
     else:
         model = Model(trend_degree, amplitude_degree, amplitude_harmonics)
-    solved = solve(bins, sensor, model, limits)
+    solved = solve(bins, sensor, model, (step, segment_s), (uniformity_limit, share_limit))
     values = {
         "time_segment": solved.time,
         "segment_bias": -solved.constant,
@@ -131,7 +121,7 @@ def bias(
     facts = {"method": method, "factors_from": "swing" if swing else "assumed"}
     usable = int(np.count_nonzero(solved.used))
     if usable >= ENOUGH:
-        values |= estimates(solved, sensor) | spectra(bins, solved, sensor, k_z_before, limits)
+        values |= estimates(solved, sensor) | spectra(bins, solved, sensor, k_z_before, (step, segment_s))
         return build(SCHEMAS["bias"], values, **facts)
     few = (
         f"found {usable} usable of {solved.used.size} segments, expected {ENOUGH}. Raise uniformity_limit "
@@ -218,9 +208,13 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
     return first @ share, np.sqrt(variance * (first @ first)), residual, amplitude
 
 
-def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, limits: Limits) -> Segments:
-    """Constants of every segment of the bins of `bins.reduced`, several spans joined; NaN where bins are missing."""
-    parts = cut(bins["time"], limits.step_s, limits.segment_s)
+def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, lengths, limits) -> Segments:
+    """Constants of every segment of the bins of `align.reduced`, several spans joined; NaN where bins are missing.
+
+    Lengths s are those of bins and segments, limits the largest scatter of the roll rate and the least share of samples
+    of a segment that is used.
+    """
+    parts, (step_s, _), (uniform, share) = cut(bins["time"], *lengths), lengths, limits
     used = np.zeros(len(parts), dtype=bool)
     uniformity, constant, sigma, volt, slope, amplitude = (
         np.full((len(parts), *shape), np.nan) for shape in ((), (3,), (3,), (3,), (3, 3), (2, 2))
@@ -232,11 +226,11 @@ def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, limits: 
         if not all(np.isfinite(values).all() for values in (linear_volt, one["R_bo"], rate)):
             continue
         uniformity[s] = np.std(rate[:, 1]) / np.abs(np.mean(rate[:, 1]))
-        used[s] = uniformity[s] <= limits.uniformity and one["share"].min() >= limits.share
-        tensor = offset_terms(rate, one["gradient_b"], limits.step_s)
+        used[s] = uniformity[s] <= uniform and one["share"].min() >= share
+        tensor = offset_terms(rate, one["gradient_b"], step_s)
         offset_term = np.matvec(tensor, sensor.offset) if model.with_offset else 0.0
         readings = np.stack([sensor.k * linear_volt - offset_term, linear_volt], axis=2)
-        phase = orbital_phase(one["gradient_b"], limits.step_s)
+        phase = orbital_phase(one["gradient_b"], step_s)
         residual = np.empty_like(linear_volt)
         for axis in range(3):
             fitted, error, left, amplitudes = solve_axis(axis, readings[:, axis], one["R_bo"], model, phase)
@@ -247,7 +241,7 @@ def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, limits: 
         if used[s]:
             residuals.append(residual)
     if residuals:
-        sigma *= redness(np.array(residuals), limits.step_s)
+        sigma *= redness(np.array(residuals), step_s)
     time = np.array([np.mean(bins["time"][part]) for part in parts])
     return Segments(time, used, uniformity, constant, sigma, volt, slope, amplitude)
 
@@ -317,9 +311,7 @@ def estimates(solved: Segments, sensor: Sensor) -> dict:
     }
 
 
-def spectra(
-    bins: Mapping[str, np.ndarray], solved: Segments, sensor: Sensor, k_z_before: float, limits: Limits
-) -> dict:
+def spectra(bins: Mapping[str, np.ndarray], solved: Segments, sensor: Sensor, k_z_before: float, lengths) -> dict:
     """Amplitude spectra of the z axis: with the old factor, with the new one, and with motion and drag taken off too.
 
     Notes
@@ -327,7 +319,7 @@ def spectra(
     Median over the segments, over what the median of so many periodograms is of the mean: 0.69 to 1 in power. White
     noise keeps its density in means of bins: what their roll-off takes, aliasing gives back.
     """
-    parts, step = cut(bins["time"], limits.step_s, limits.segment_s), limits.step_s
+    parts, step = cut(bins["time"], *lengths), lengths[0]
     raw, left = [], []
     for part in (part for part, used in zip(parts, solved.used, strict=True) if used):
         volt, gradient, R_bo = (bins[name][part] for name in ("linear_volt", "gradient_b", "R_bo"))

@@ -11,7 +11,7 @@ from gravcal.calibrations.inertial_sensor import align, model
 from gravcal.calibrations.inertial_sensor.align import SCHEMAS
 from gravcal.calibrations.schemas import build
 from gravcal.effects import inertial_sensor as electrodes
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import crn, kalman, least_squares
 from gravcal.estimation import estimate as estimating
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
@@ -137,10 +137,9 @@ def swing_of(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: 
     quiet = [block for block in quiet if len(block) > 13]
     variance = sum(np.sum(block**2, axis=0) for block in quiet) / max(sum(len(block) - 4 for block in quiet), 1)
     if not np.all(variance > 0):
-        raise EstimationError(
-            f"swing from {start:.0f} s: found {sum(map(len, quiet))} quiet bins beside it, expected at least "
-            f"300 s either side to measure the noise. Give a longer record, or lower quiet_margin_s.",
-        )
+        found, remedy = f"{sum(map(len, quiet))} quiet bins beside it", "Give a longer record, or lower quiet_margin_s."
+        expected = "at least 300 s either side to measure the noise"
+        refuse(f"swing from {start:.0f} s", found, expected, remedy, EstimationError)
     calm = (time_att < start - quiet_margin_s) | (time_att > stop + quiet_margin_s)
     turn, step_att = frames.attitude_error(quaternion[1:], quaternion[:-1]), np.diff(time_att)
     turn[~((np.abs(step_att - np.median(step_att)) < 1e-3) & calm[1:] & calm[:-1])] = np.nan
@@ -302,7 +301,11 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     covariance = np.array([one.covariance for one in fits])
     total = covariance + np.einsum("cqi,cqj->cij", shift, shift)
     columns = tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
-    observed, design = _in_order(record, k, columns)
+    good = np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(columns).all(axis=(1, 2))
+    rows = np.concatenate([record.linear_volt[:, :, None], columns / k[:, None], on_axes(record.trend)], axis=2)
+    white = np.stack([whiten(model, rows[:, a], good) for a, model in enumerate(record.noise)], axis=1)
+    white = white.reshape(-1, rows.shape[2])
+    observed, design = white[:, 0], white[:, 1:]
     start, rows = kalman.free_start(design, 1.0), np.arange(record.time.size) * 3 + 2
     run = kalman.filter_constants(observed, design, np.zeros(design.shape[1]), start, 1.0)
     factor, factor_sigma, factor_total = factor_y(record, k, relative[:4])
@@ -372,15 +375,6 @@ def _finite(found):
     """Estimate whose directions that nothing determines are zero, without error."""
     covariance = least_squares.stable_inverse(found.information)
     return replace(found, value=covariance @ found.right, covariance=covariance)
-
-
-def _in_order(record, k, columns):
-    """Whitened readings (3 b,) in order of time, and columns of the offset and of the polynomial of each axis."""
-    good = np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(columns).all(axis=(1, 2))
-    rows = np.concatenate([record.linear_volt[:, :, None], columns / k[:, None], on_axes(record.trend)], axis=2)
-    white = np.stack([whiten(model, rows[:, a], good) for a, model in enumerate(record.noise)], axis=1)
-    white = white.reshape(-1, rows.shape[2])
-    return white[:, 0], white[:, 1:]
 
 
 def factor_y(record: Record, k: np.ndarray, relative: np.ndarray) -> tuple[float, float, float]:

@@ -8,8 +8,6 @@ voltage with the estimated noise n_V taken out, so the fit iterates: residual, e
 regressor, step.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -63,7 +61,7 @@ class Unknowns:
     constant: np.ndarray
     slope: np.ndarray
 
-    def moved(self, step: np.ndarray) -> Unknowns:
+    def moved(self, step: np.ndarray) -> "Unknowns":
         """Unknowns after a step (15,) in the order of the columns."""
         angle, rate, constant, slope = step[FACTORS + 1 :].reshape(4, 3)
         return Unknowns(

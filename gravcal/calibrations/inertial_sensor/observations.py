@@ -1,7 +1,5 @@
 """An inertial sensor as discovery sees it: a swing, a roll, or both as one problem that shares the offset."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -30,7 +28,7 @@ HARMONICS = 4  # of a smooth motion, in what follows it
 NEAR = np.linspace(-1.0, 1.0, 21)
 
 
-def observe(products: Mapping[str, xr.Dataset], *, scene: Mapping, rolling: Mapping) -> InertialSensor | None:
+def observe(products: Mapping[str, xr.Dataset], *, scene: Mapping, rolling: Mapping) -> "InertialSensor | None":
     """Observations of an event, None without swing and roll.
 
     Products are "align", "scale" and "offset" of a swing, "segment" and "bias" of a roll, as far as they are there;

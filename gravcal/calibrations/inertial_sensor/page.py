@@ -245,7 +245,9 @@ def _sections(document, published):
         )
         used = f"{roll['segments']} of {roll['segments_found']} segments used. "
         notes = [f"{used}Scale factors and offset: {roll['source']}.", f"b_y: {reasons['bias_y']}."]
-        sections.append(Section("Bias", [_bias(document, published), _bias_budget(document)], [_segments], notes))
+        parts = [[CAUSES[name], *(f"{v:.1e}" for v in own)] for name, own in roll["budget"].items()]
+        budget = Table("Error budget of the bias, m s⁻².", ["part", *AXES], parts, ["bias"])
+        sections.append(Section("Bias", [_bias(document, published), budget], [_segments], notes))
         sections.append(Section("Noise of z", figures=[_z_spectrum], notes=[spectrum]))
     return sections
 
@@ -347,12 +349,6 @@ def _bias(document, published):
         rows.append([axis, printed, own])
     caption = "Bias b of f = b + k V (Table 6), m s⁻²: value ± error with scale factors held (total error)."
     return Table(caption, ["axis", "printed", "this event"], rows, ["bias"], words=(0, 2))
-
-
-def _bias_budget(document):
-    parts = document["roll"]["budget"].items()
-    rows = [[CAUSES[name], *(f"{v:.1e}" for v in values)] for name, values in parts]
-    return Table("Error budget of the bias, m s⁻².", ["part", *AXES], rows, ["bias"])
 
 
 @figure("detect", caption="Body rates, means over a minute.")

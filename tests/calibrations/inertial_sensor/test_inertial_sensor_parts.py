@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from gravcal import catalog
 from gravcal.calibrations.inertial_sensor import align, bias, observed_roll
 from gravcal.calibrations.inertial_sensor.estimate import Record, factor_y, linear_factors, published_offset_matrix
-from gravcal.calibrations.inertial_sensor.noise import power_laws
+from gravcal.calibrations.inertial_sensor.observed_roll import power_laws
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.estimation import noise
 from gravcal.estimation.noise import coloured
