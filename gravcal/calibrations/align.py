@@ -3,7 +3,7 @@
 import numpy as np
 import xarray as xr
 
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import timing
 from gravcal.physics import earth, frames
 
@@ -163,8 +163,6 @@ def refuse_late_orbits(late: np.ndarray, satellites: str) -> None:
     """Raise if the tags of one orbit are off, of `late_of_pair`: of such a pair nothing else can be said."""
     for letter, one in zip(satellites, late[3:], strict=True):
         if abs(one) > LATE_S:
-            raise EstimationError(
-                f"orbit {letter}: its tags are late by {one:.0f} s against ranging and the other orbit, expected at "
-                f"most {LATE_S:.0f} s, so that no cause can be looked for. Give an orbit of the same time.",
-                late=float(one),
-            )
+            found, remedy = f"tags late by {one:.0f} s against ranging and the other", "Give an orbit of the same time."
+            expected = f"at most {LATE_S:.0f} s, without which no cause can be looked for"
+            refuse(f"orbit {letter}", found, expected, remedy, EstimationError, late=float(one))

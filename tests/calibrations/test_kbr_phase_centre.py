@@ -385,7 +385,7 @@ def test_files_that_do_not_fit_are_refused():
         camera | {"gps_time": camera["gps_time"] + 86400},
         camera | {"quatangle": camera["quatangle"] * np.nan},
     )
-    with pytest.raises(EstimationError, match="share 0 s, expected at least 600 s.*one pair and one day"):
+    with pytest.raises(EstimationError, match="found 0 s in common.*at least 600 s.*one pair and one day"):
         process({**columns, ("SCA1B", "D"): moved})
     with pytest.raises(EstimationError, match="SCA1B of D: found 0 usable records"):
         process({**columns, ("SCA1B", "D"): lost})

@@ -14,7 +14,7 @@ from scipy.linalg.blas import dsbmv
 from scipy.ndimage import binary_opening, maximum_filter1d
 from scipy.optimize import minimize
 
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.physics import frames, kinematics
 from gravcal.physics.frames import cross_matrix
 
@@ -246,28 +246,19 @@ def propagate(operator, table, covariance):
 
 @dataclass(frozen=True)
 class Attitude:
-    """Smoothed attitude.
+    """Smoothed attitude."""
 
-    angle, angle_dot : (n, 3) rad, rad s-1, from the orbit frame
-    R_bi : (n, 3, 3)
-    rate_b, rate_dot_b : (n, 3) rad s-1, rad s-2
-    operators : derivative of (small rotation in b, rate_b, rate_dot_b) by the angles and their first and second
-        derivatives, each (n, 3, 3, 3)
-    table : splines
-    covariance : blocks of the covariance of the splines
-    chi2, dof : of star camera and angular accelerations together; observations less what of them the fit takes up
-    """
-
-    angle: np.ndarray
-    angle_dot: np.ndarray
-    R_bi: np.ndarray
-    rate_b: np.ndarray
-    rate_dot_b: np.ndarray
-    operators: tuple
-    table: Basis
-    covariance: tuple
-    chi2: float
-    dof: float
+    angle: np.ndarray  #: (n, 3) rad, from the orbit frame
+    angle_dot: np.ndarray  #: (n, 3) rad s-1
+    R_bi: np.ndarray  #: (n, 3, 3)
+    rate_b: np.ndarray  #: (n, 3) rad s-1
+    rate_dot_b: np.ndarray  #: (n, 3) rad s-2
+    #: derivative of (small rotation in b, rate_b, rate_dot_b) by the angles and their first two derivatives
+    operators: tuple[np.ndarray, ...]  #: each (n, 3, 3, 3)
+    table: Basis  #: splines
+    covariance: tuple  #: blocks of the covariance of the splines
+    chi2: float  #: of star camera and angular accelerations together
+    dof: float  #: observations less what of them the fit takes up
 
     def covariance_of(self, by_angle, by_rate, by_rate_dot):
         """Covariance (n, 3, 3) of what changes so (n, 3, 3) with small rotation in b, rate and its derivative."""
@@ -296,9 +287,7 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
     R_oi, *rates_o = orbit
     usable = np.isfinite(quaternion).all(axis=1)
     if usable.sum() < 10:
-        raise EstimationError(
-            f"star camera: found {usable.sum()} usable attitudes, expected at least 10. Check the file."
-        )
+        refuse("star camera", f"{usable.sum()} usable attitudes", "at least 10", "Check the file.", EstimationError)
     unit = np.where(usable[:, None], quaternion, [1.0, 0, 0, 0])
     measured = angles(unit / np.linalg.norm(unit, axis=1, keepdims=True), R_oi)
     coefficients, corners = np.zeros((table.count, 3)), np.tile(CORNERS, (3, 1))
@@ -326,7 +315,12 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
             band[0] += 1 / ANGLE_PRIOR**2
             right -= coefficients.ravel() / ANGLE_PRIOR**2
             if iteration:
-                free |= _jumps(blocks[1][1], table)
+                # knot intervals in which angular readings deny a torque that changes slowly, and their neighbours
+                residual = blocks[1][1]
+                rows = _by_interval(table, residual)
+                size = rows.sum(axis=1) ** 2 / np.maximum(np.count_nonzero(rows, axis=1), 1)
+                usual = np.median(size[rows.any(axis=(1, 2))], axis=0) if rows.any() else np.inf
+                free |= maximum_filter1d(size > RARE * usual, 5, axis=0)
             for k, start in enumerate(coefficients.T):
                 given = white[k], free[:, k], table.step
                 if iteration:
@@ -343,14 +337,6 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
     fitted = sum(float(np.einsum("nii->", propagate(operator, table, covariance))) for operator, _ in blocks)
     smoothed = (angle, angle_dot, R_bi, rate_b, rate_dot_b)
     return Attitude(*smoothed, operators, table, covariance, chi2, rows - fitted)
-
-
-def _jumps(residual, table):
-    """Knot intervals (m, 3) in which angular readings deny a torque that changes slowly, and their neighbours."""
-    rows = _by_interval(table, residual)
-    size = rows.sum(axis=1) ** 2 / np.maximum(np.count_nonzero(rows, axis=1), 1)
-    usual = np.median(size[rows.any(axis=(1, 2))], axis=0) if rows.any() else np.inf
-    return maximum_filter1d(size > RARE * usual, 5, axis=0)
 
 
 def _whitened(operator, residual, sigma):

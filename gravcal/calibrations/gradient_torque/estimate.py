@@ -6,7 +6,7 @@ import xarray as xr
 from gravcal.calibrations.gradient_torque import model
 from gravcal.calibrations.gradient_torque.model import METHODS, SCHEMAS, amplitude_spectrum
 from gravcal.calibrations.schemas import build, replaced, widened
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import least_squares, noise
 from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.physics.frames import cross_matrix
@@ -44,7 +44,7 @@ def drag(
     method = variant.removesuffix(".clean")
     sensors = [0, 1] if method == "two_sensor" else [single_sensor - 1]
     if modelled.sizes["sensor"] < len(sensors):
-        raise EstimationError("two_sensor: found one sensor in the file, expected two. Use the one-sensor method.")
+        refuse("two_sensor", "one sensor in the file", "two", "Use the one-sensor method.", EstimationError)
     motion = METHODS.index("two_sensor" if method == "two_sensor" else "one_sensor")
     linear, places = modelled["linear_b"].values[:, sensors], modelled["sensor_position_b"].values[sensors]
     place, reading = places.mean(axis=0), linear.mean(axis=1)
@@ -61,10 +61,9 @@ def drag(
     if method == "one_sensor_published":
         parts = parts[:1] + [0 * part for part in parts[1:]]
         if np.any(np.abs(place) < 1e-9):
-            raise EstimationError(
-                f"one_sensor_published: found sensor_position {place.tolist()} m, expected no zero component: the "
-                f"printed H = -I (1/Dx, 1/Dy, 1/Dz) divides by each. Use the one-sensor method."
-            )
+            expected = "no zero component: the printed H = -I (1/Dx, 1/Dy, 1/Dz) divides by each"
+            found, remedy = f"sensor_position {place.tolist()} m", "Use the one-sensor method."
+            refuse("one_sensor_published", found, expected, remedy, EstimationError)
         body = satellite["inertia"], model.box_inertia(satellite, elongation), satellite["mass"]
         vectors = model.printed_vectors(*body, satellite["centre_of_pressure"], place)
         drag_b = model.printed_drag(reading, modelled["angular_b"].values[:, single_sensor - 1], *vectors)[0]
@@ -138,13 +137,8 @@ def unsmoothed(modelled: xr.Dataset, method: str, sensors: slice | list, test_ma
 def balance(torque, drag_b, place, satellite, *, width, step, order):
     """Centre of pressure (3,) m from the torque balance, its covariance, and the rms (3,) N m of the torque left.
 
-    Parameters
-    ----------
-    torque, drag_b : (n, 3) N m, m s-2, uncontrolled torque and drag, with the angular acceleration as read
-    place : (3,) m, of the test mass whose readings gave drag and angular acceleration
-    satellite : inertia, mass, centre_of_pressure with sigma, angular_noise_density
-    width, step, order : samples and s of a mean (noise of the regressor must stay far below its signal); of the noise
-        model
+    Torque and drag_b (n, 3) N m, m s-2 are those with the angular acceleration as read by the test mass at `place`;
+    means of `width` samples, `step` s, keep the noise of the regressor far below its signal.
 
     Notes
     -----
@@ -209,10 +203,8 @@ def combine(
     modelled, drags, rest = products[0], products[1 : 1 + len(methods)], products[1 + len(methods) :]
     truth = rest[0]["drag_b"].values if rest else np.full(drags[0]["drag_b"].shape, np.nan)
     if rest and not np.array_equal(rest[0]["time"].values, drags[0]["time"].values):
-        raise EstimationError(
-            f"truth: found {len(truth)} epochs, expected the {drags[0].sizes['time']} of the readings. "
-            f"Give the truth of this record.",
-        )
+        expected, remedy = f"the {drags[0].sizes['time']} of the readings", "Give the truth of this record."
+        refuse("truth", f"{len(truth)} epochs", expected, remedy, EstimationError)
     step = float(np.median(np.diff(modelled["time"].values)))
     error = np.stack([one["drag_b"].values - truth for one in drags])
     clean = np.stack([one["drag_b"].values - truth for one in rest[1:]]) if rest[1:] else np.full_like(error, np.nan)

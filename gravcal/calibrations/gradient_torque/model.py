@@ -29,6 +29,7 @@ for _k, (_i, _j) in enumerate(((0, 0), (1, 1), (0, 1), (0, 2), (1, 2))):
 ELEMENTS[:2, 2, 2] = -1.0
 UNKNOWNS = ("G_xx", "G_yy", "G_xy", "G_xz", "G_yz", "drag_x", "drag_y", "drag_z")
 GRADIENT_SCALE, DRAG_SCALE = 1e-6, 1e-7  # s-2, m s-2; unknowns of one size, so that a rank means something
+CUT = "Cut the record there, or raise gap_limit_s (errors grow in the gap)."
 TOLERANCE = 1e-9  # singular values below this share of the largest count as zero
 
 
@@ -60,11 +61,8 @@ def orbit(observed: xr.Dataset, gap_limit_s: float) -> tuple[np.ndarray, np.ndar
             known = time[good]
             worst = max(np.diff(known).max(), known[0] - time[0], time[-1] - known[-1]) if known.size > 3 else np.inf
             if worst > gap_limit_s:
-                raise EstimationError(
-                    f"SGRS file: found {worst:.0f} s without position or velocity, expected at most {gap_limit_s:g} s. "
-                    f"Cut the record there, or raise gap_limit_s.",
-                    gap=float(worst),
-                )
+                found = f"{worst:.0f} s without position or velocity"
+                refuse("SGRS file", found, f"at most {gap_limit_s:g} s", CUT, EstimationError, gap=float(worst))
             values = CubicSpline(known - time[0], values[good])(time - time[0])
         columns.append(values)
     return tuple(columns)
@@ -87,18 +85,12 @@ def gradient(
     """
     time, places = observed["time"].values, observed["sensor_position"].values
     if single_sensor > len(places):
-        raise EstimationError(
-            f"single_sensor {single_sensor}: found {len(places)} sensor, expected that many. Set it to 1."
-        )
+        refuse("single_sensor", f"{len(places)} sensor", f"at least {single_sensor}", "Set it to 1.", EstimationError)
     if time.size < 60:
-        raise EstimationError(f"SGRS file: found {time.size} epochs, expected at least 60. Give a longer record.")
+        refuse("SGRS file", f"{time.size} epochs", "at least 60", "Give a longer record.", EstimationError)
     worst = float(np.diff(time).max())
     if worst > gap_limit_s:
-        raise EstimationError(
-            f"SGRS file: found a gap of {worst:.0f} s, expected none above {gap_limit_s:g} s. "
-            f"Cut the record there, or raise gap_limit_s (errors grow in the gap).",
-            gap=worst,
-        )
+        refuse("SGRS file", f"a gap of {worst:.0f} s", f"none above {gap_limit_s:g} s", CUT, EstimationError, gap=worst)
     model = gravity.truncated(field_of(stored), 0, field_degree)
     position, velocity = orbit(observed, gap_limit_s)
     R_ei = earth.R_ei(time)
@@ -297,11 +289,6 @@ def offset_tensor_error(rate_b, gradient_b, offset_b):
 def printed_torque(inertia, gradient_b, place_b):
     """Torque (..., 3) N m as printed, from the difference of gravity over a place (3,) m without a zero.
 
-    Parameters
-    ----------
-    inertia : (3, 3) kg m2
-    gradient_b : (..., 3, 3) s-2
-
     Notes
     -----
     dg x (I q), dg = G D, q = (1/Dx, 1/Dy, 1/Dz); S-GRS paper eqs. 2, 3, right where G = dg q^T only (erratum S-1).
@@ -350,23 +337,20 @@ def _inverse(quaternion):
 class Sensor:
     """One sensor on a satellite."""
 
-    #: inertia, test_mass_inertia: (3, 3) kg m2
-    inertia: np.ndarray
-    test_mass_inertia: np.ndarray
+    inertia: np.ndarray  #: (3, 3) kg m2
+    test_mass_inertia: np.ndarray  #: (3, 3) kg m2
     mass: float  #: kg
-    #: place, pressure: (3,) m, test mass and centre of pressure from the CoM
-    place: np.ndarray
-    pressure: np.ndarray
+    place: np.ndarray  #: (3,) m, test mass from the CoM
+    pressure: np.ndarray  #: (3,) m, centre of pressure from the CoM
 
 
 @dataclass(frozen=True)
 class Motion:
     """A few epochs and how well they are known."""
 
-    #: rate_b, rate_dot_b, drag_b: (n, 3) rad s-1, rad s-2, m s-2
-    rate_b: np.ndarray
-    rate_dot_b: np.ndarray
-    drag_b: np.ndarray
+    rate_b: np.ndarray  #: (n, 3) rad s-1
+    rate_dot_b: np.ndarray  #: (n, 3) rad s-2
+    drag_b: np.ndarray  #: (n, 3) m s-2
     gradient_b: np.ndarray  #: (n, 3, 3) s-2
     #: standard deviations of linear (3,) m s-2 and angular (3,) rad s-2 readings, place (3,) m, gradient s-2, angular
     #: acceleration "motion" rad s-2, centre of pressure (3,) m, change of the torque from epoch to epoch N m

@@ -4,8 +4,6 @@ The drag is free at every epoch, so that it takes up the mean reading of the sen
 Distance of the sensors, a constant torque and the centre of pressure are free as well.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """A day of S-GRS as discovery sees it: the difference of both sensors, attitude against angular readings, torques."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -35,7 +33,7 @@ LAST_FIELD = 9.46e8  # GPS s, end of 2029: the geomagnetic field of later days i
 OUTSIDE = ("latitude", "time")
 
 
-def observe(products: Mapping[str, xr.Dataset], **settings) -> GradientTorque:
+def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
     """Observations of the products "ingest", "gradient", and "drag" by one sensor of a day.
 
     Settings are satellite, igrf_generation, elongation, gap_limit_s, torque_step_s, torque_noise_order, control_hz,

@@ -8,7 +8,7 @@ import xarray as xr
 from gravcal.calibrations.kbr_phase_centre import noise
 from gravcal.calibrations.kbr_phase_centre.model import MANOEUVRE, OBSERVABLES, PARAMETERS, SCHEMAS, SUBSETS, schema_of
 from gravcal.calibrations.schemas import build, replaced, widened
-from gravcal.errors import EstimationError
+from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import estimate as estimating
 from gravcal.estimation import least_squares, robust
 from gravcal.estimation.noise import NoiseModel
@@ -137,10 +137,9 @@ def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: i
     indices = of_manoeuvres(equations)
     largest = max((index.size for index in indices), default=0)
     if largest > LONGEST:
-        raise EstimationError(
-            f"kbr_phase_centre: found {largest} observations in one stretch, expected at most {LONGEST}: the pointing "
-            f"is off its mean for hours. Check that orbits and attitudes are those of their satellites."
-        )
+        found, remedy = f"{largest} observations in one stretch", "Check that orbits and attitudes are those of them."
+        expected = f"at most {LONGEST}: the pointing is off its mean for hours"
+        refuse("both satellites", found, expected, remedy, EstimationError)
     step = float(measured.attrs["step_s"])
     time, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
     longest = max((float(time[index[-1]] - time[index[0]]) for index in indices if index.size), default=0.0)

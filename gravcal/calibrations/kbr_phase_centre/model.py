@@ -34,16 +34,13 @@ def schema_of(stage: str, observable: str) -> dict:
 class Wiggle:
     """One sub-manoeuvre."""
 
-    #: satellite_index, axis_index, sign: 0 or 1; 0 pitch, 1 yaw; of the offset, 0 without one
-    satellite_index: int
-    axis_index: int
-    sign: int
-    #: start, stop: s, first and last slew
-    start: float
-    stop: float
-    #: offset, amplitude: rad, mean angle and amplitude of the wave
-    offset: float
-    amplitude: float
+    satellite_index: int  #: 0 or 1
+    axis_index: int  #: 0 pitch, 1 yaw
+    sign: int  #: of the offset, 0 without one
+    start: float  #: s, first slew
+    stop: float  #: s, last slew
+    offset: float  #: rad, mean angle
+    amplitude: float  #: rad, of the wave
 
 
 def pointing(

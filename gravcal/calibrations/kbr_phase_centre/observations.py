@@ -5,8 +5,6 @@ sub-manoeuvre left out, curvature and y or z of the same satellite cannot be tol
 with half of one left out everything stays determined.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -62,9 +60,8 @@ FINE_S = np.arange(-40.0, 41.0, 2.0)
 class Half:
     """Half of a sub-manoeuvre."""
 
-    #: manoeuvre, label: number; satellite, sign and axis, half
-    manoeuvre: int
-    label: str
+    manoeuvre: int  #: number
+    label: str  #: satellite, sign and axis, half
     rows: slice  #: places in the observations of all halves, one after the other
     time: np.ndarray  #: (n,) s
     slow: np.ndarray  #: (n, k) columns of slow orbit error and biases, not whitened
@@ -87,7 +84,7 @@ def observe(
     of_pointing: Mapping,
     of_observable: Mapping,
     plausible_mm: Sequence[float],
-) -> Ranging | None:
+) -> "Ranging | None":
     """Observations of a campaign, None without a wiggle.
 
     Products are "align", "pointing", "observable", "noise" and "solve" of the range, the settings those of their
@@ -197,9 +194,8 @@ def _moving(time, equations):
 class Ranging(records.Observations):
     """Observations of a campaign; signals, noise, blocks and candidates are made when they are asked for."""
 
-    #: aligned, measured: Dataset, "kbr_phase_centre.align" and "kbr_phase_centre.noise"
-    aligned: xr.Dataset
-    measured: xr.Dataset
+    aligned: xr.Dataset  #: "kbr_phase_centre.align"
+    measured: xr.Dataset  #: "kbr_phase_centre.noise"
     context: Context  #: Context on whole seconds
     filter_: crn.Crn  #: of the ranging
     good: np.ndarray  #: (n,) bool, seconds that it may use
@@ -210,9 +206,7 @@ class Ranging(records.Observations):
     start: np.ndarray  #: (6,) m, phase centres of the solution
     #: {parameter: mm, of the catalogue and how far it may be from it}
     expected: Mapping[str, tuple[float, float]] = field(default_factory=dict)
-    late: np.ndarray = field(
-        default_factory=lambda: np.zeros(3)
-    )  #: (3,) s, tags of ranging and star cameras, minutes off
+    late: np.ndarray = field(default_factory=lambda: np.zeros(3))  #: (3,) s, tags of ranging, star cameras minutes off
 
     name = "kbr_phase_centre"
     channels = ("range",)

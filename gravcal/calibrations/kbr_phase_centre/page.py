@@ -165,6 +165,14 @@ def _determined(combined, pointed, settings):
     }
     published = [PUBLISHED] if combined.attrs["method"] == "published" else []
     one_sided = np.isfinite(_sigma_ratio(combined["covariance"].values[1, 0, 0], 0))
+    # error of the mean of y and z as the scatter between sub-manoeuvres shows it
+    satellite, axis = combined["satellite_index"].values, combined["axis_index"].values
+    scatter = {name: {} for name in OBSERVABLES}
+    for o, name in enumerate(OBSERVABLES):
+        for k, letter in enumerate(combined.attrs["satellites"]):
+            own = [1e3 * combined["arc_value"].values[o, (satellite == k) & (axis == a)] for a in (1, 0)]
+            spread = [np.std(v, ddof=1) / np.sqrt(v.size) if v.size > 1 else np.nan for v in own]
+            scatter[name][letter] = [None, *numbers(spread)]
     return {
         "status": "delivered" if determined else "failed",
         "verdict": _verdict(adopted, f"{observable}, {estimator}", tests[observable], settings),
@@ -180,7 +188,7 @@ def _determined(combined, pointed, settings):
         "manoeuvres": [_manoeuvre(combined, pointed, k) for k in range(pointed.sizes["manoeuvre"])],
         "subsets": {name: _subset(combined, s) for s, name in enumerate(SUBSETS) if s},
         "geometry": _geometry(combined, pointed),
-        "consistency": {"manoeuvres": tests, "scatter_between_manoeuvres_mm": _scatter(combined)},
+        "consistency": {"manoeuvres": tests, "scatter_between_manoeuvres_mm": scatter},
         "sigma0": {name: numbers(combined["sigma0"].values[k, 0]) for k, name in enumerate(OBSERVABLES)},
         "trust": [*published, *(GEOMETRY if one_sided else ()), ROBUST],
         "indistinguishable_from_calibration": INDISTINGUISHABLE,
@@ -235,18 +243,6 @@ def _manoeuvre(combined, pointed, k):
             name: {"value": number(value[o]), "sigma": number(sigma[o])} for o, name in enumerate(OBSERVABLES)
         },
     }
-
-
-def _scatter(combined):
-    """Error of the mean of y and z as the scatter between sub-manoeuvres shows it, mm; null with fewer than two."""
-    satellite, axis = combined["satellite_index"].values, combined["axis_index"].values
-    scatter = {name: {} for name in OBSERVABLES}
-    for o, name in enumerate(OBSERVABLES):
-        for k, letter in enumerate(combined.attrs["satellites"]):
-            own = [1e3 * combined["arc_value"].values[o, (satellite == k) & (axis == a)] for a in (1, 0)]
-            spread = [np.std(v, ddof=1) / np.sqrt(v.size) if v.size > 1 else np.nan for v in own]
-            scatter[name][letter] = [None, *numbers(spread)]
-    return scatter
 
 
 def _subset(combined, s):
