@@ -85,8 +85,8 @@ def in_pieces(equations, length_s):
     return cut
 
 
-def test_noise_from_short_quiet_pieces_is_that_of_long_ones():
-    """Recovery: nine pieces of 1,210 s: density from 3 to 30 mHz and errors within a tenth of those of a quiet day."""
+def test_noise_from_short_quiet_pieces_is_that_of_long_ones_and_too_short_ones_are_refused():
+    """Recovery: nine pieces of 1,210 s: density from 3 to 30 mHz and errors to a tenth of a quiet day's; 290 s not."""
     truth, products = campaign(1)
     chosen = catalog.parameters("kbr_phase_centre")
     measured = stages.noise(in_pieces(products.equations[0], 1210.0), **chosen.for_stage("noise"))
@@ -100,12 +100,6 @@ def test_noise_from_short_quiet_pieces_is_that_of_long_ones():
     sigma = 1e3 * np.sqrt(np.diag(solved["covariance"].values[0, 0]))
     assert_allclose(sigma, sigma_mm(products.combined)[0], rtol=0.1)
     assert np.abs((1e3 * solved["centre"].values[0, 0] - truth) / sigma).max() < 4.5
-
-
-def test_quiet_pieces_that_are_too_short_are_said_to_be_so():
-    """Bad input: nine pieces of 290 s; what was found, what is needed."""
-    _, products = campaign(1)
-    chosen = catalog.parameters("kbr_phase_centre")
     with pytest.raises(EstimationError, match=r"found 9 stretches .* longest of 290 s, expected 925 s"):
         stages.noise(in_pieces(products.equations[0], 290.0), **chosen.for_stage("noise") | {"quiet_minimum_s": 1e3})
 
@@ -134,8 +128,12 @@ def test_phase_breaks_within_wiggles_do_no_harm():
     assert np.abs(z).max() < 4.5
 
 
-def test_one_sided_sets_follow_the_tan_law():
-    """Recovery: sigma of y, z is tan(2 deg) that of x, and their shifts follow that of x; erratum K-2."""
+def test_wiggles_and_their_star_camera_noise_are_found_and_one_sided_sets_follow_the_tan_law():
+    """Recovery: sigma of y, z is tan(2 deg) that of x, and their shifts follow that of x; erratum K-2.
+
+    All eight wiggles, starts and stops within 10 s, angles within 0.1 deg; density of the star cameras at 4 mHz as
+    simulated, 20 urad/sqrt(Hz), within 30 % (excess of 8 arcs over the ranging).
+    """
     _, products = campaign()
     combined, row = products.combined, SUBSETS.index("positive")
     sigma = sigma_mm(combined, row)
@@ -144,6 +142,20 @@ def test_one_sided_sets_follow_the_tan_law():
     assert np.all(both[:, 1] < 0.2 * sigma[:, 1])  # both signs: x no longer leaks
     left = combined["shift"].values[:, row] - combined["predicted_shift"].values[:, row]
     assert np.nanmax(np.abs(left[:, Y_AND_Z])) < 4.5e-6  # m; three sigma of what one side tells beyond x
+    truth, pointed = simulated()[1], products.pointed
+    letters = [pointed.attrs["satellites"][k] for k in pointed["satellite_index"].values]
+    axes = [("pitch", "yaw")[k] for k in pointed["axis_index"].values]
+    kinds = [("+" if s > 0 else "-") + a for s, a in zip(pointed["sign"].values, axes, strict=True)]
+    assert list(zip(letters, kinds, strict=True)) == [(m["satellite"], m["kind"]) for m in truth["manoeuvres"]]
+    for name in ("start", "stop"):
+        assert_allclose(pointed[name].values, [m[name] for m in truth["manoeuvres"]], atol=10)
+    assert_allclose(np.degrees(pointed["amplitude"].values), 1.0, atol=0.02)
+    assert_allclose(np.abs(np.degrees(pointed["offset"].values)), 2.0, atol=0.15)  # mean pointing 0.03 deg, drawn
+    shape = 1 / (1 + (4e-3 / noise.CORNERS) ** 2)
+    found = np.sqrt(products.noise["pointing_power"].values @ shape)
+    keep = np.exp(-0.1)
+    slow = 2 * (3e-6) ** 2 * (1 - keep**2) / (1 + keep**2 - 2 * keep * np.cos(2 * np.pi * 4e-3))
+    assert_allclose(found, np.sqrt(slow + 2 * (1.5e-6) ** 2), rtol=0.3)
 
 
 def test_holding_x_repairs_a_one_sided_set():
@@ -233,10 +245,11 @@ def exact(quaternion, centre):
     return np.linalg.norm(u + v, axis=1) - np.linalg.norm(u, axis=1)
 
 
-def test_the_columns_have_the_sign_of_the_exact_range():
+def test_angles_and_columns_have_the_signs_of_the_exact_range_and_the_tan_law():
     """Analytic: at 3 deg the range of 220 km is 2.886 m shorter; eq. 13 as printed makes it longer (K-1).
 
-    What first order leaves is 13 nm there, |v_perp|^2 / (2 rho) (equations.md M3).
+    What first order leaves is 13 nm there, |v_perp|^2 / (2 rho) (equations.md M3). Turned by -pitch, -yaw it sees +;
+    columns -cos, +sin for pitch (x, z), -cos, -sin for yaw (K-2). NaN in, NaN out, without a warning.
     """
     quaternion = facing([0, np.radians(3), 0])
     centre = np.array([[X, 0, 0], [X, 0, 0]])
@@ -246,19 +259,11 @@ def test_the_columns_have_the_sign_of_the_exact_range():
     remainder = model.second_order(POSITION, quaternion, centre)
     assert_allclose(remainder, 13e-9, atol=0.5e-9)
     assert_allclose(first_order + remainder, exact(quaternion, centre), atol=3e-11)  # rounding of 2e5 m
-
-
-def test_angles_have_their_signs_and_the_columns_of_the_tan_law():
-    """Analytic: a body turned by -pitch, -yaw sees +; columns -cos, +sin for pitch (x, z), -cos, -sin for yaw; K-2."""
     c, s = np.cos(np.radians(2)), np.sin(np.radians(2))
     for angle, column in (((1, 0), [-c, 0, s]), ((0, 1), [-c, -s, 0]), ((-1, 0), [-c, 0, -s])):
         line = model.lines_of_sight(POSITION, facing(*2 * [[0, *np.radians(2) * np.array(angle)]]))
         assert_allclose(model.angles(line)[:, 0], 2 * [np.radians(2) * np.array(angle)], atol=1e-14)
         assert_allclose(-line[0, 0], column, atol=1e-14)
-
-
-def test_unknown_attitude_gives_no_line_of_sight():
-    """Contract: NaN in, NaN out, without a warning."""
     quaternion = facing([0, 0, 0])
     quaternion[1] = np.nan
     line = model.lines_of_sight(POSITION, quaternion)
@@ -267,8 +272,8 @@ def test_unknown_attitude_gives_no_line_of_sight():
     assert np.isnan(model.second_order(POSITION, quaternion, np.ones((2, 3)))).all()
 
 
-def test_samples_off_the_grid_are_interpolated_and_gaps_stay_open():
-    """Analytic: a wave of 250 s every 5 s comes back at whole seconds to 1e-9 of its size; a gap does not."""
+def test_samples_off_the_grid_are_interpolated_and_steps_and_long_gaps_begin_a_segment():
+    """Analytic: a wave of 250 s to 1e-9; 1 mm against the rate is seen, no curvature of an orbit, no gap of 20 s."""
     time = np.arange(0.0, 1000.0, 5.0)
     kept = (time < 400) | (time > 460)
     wave = lambda t: np.column_stack([np.sin(2 * np.pi * t / 250), t])  # noqa: E731
@@ -279,30 +284,12 @@ def test_samples_off_the_grid_are_interpolated_and_gaps_stay_open():
     near = (at > 300) & (at < 560) & ~missing  # ends of a stretch: the spline has one side only
     assert_allclose(found[~missing & ~near], wave(at[~missing & ~near]), atol=1e-9)
     assert_allclose(found[near], wave(at[near]), atol=1e-6)
-
-
-def test_a_step_of_the_range_and_a_long_gap_begin_a_segment():
-    """Analytic: 1 mm against the rate is seen, the curvature of an orbit is not; nor is a gap of 20 s."""
     time = np.delete(np.arange(0.0, 1000.0, 5.0), [*range(60, 63), *range(120, 140)])
     w = 2.2e-3  # rad s-1, twice per revolution
     values = [1e3 * np.sin(w * time), 1e3 * w * np.cos(w * time), -1e3 * w**2 * np.sin(w * time)]
     values[0] = values[0] + np.where(time > 200, 1e-3, 0.0)
     begins = align.breaks(time, *values, 1e-4)
     assert time[begins].tolist() == [205.0, 700.0]
-
-
-def test_wiggles_are_found_with_sign_slews_and_size():
-    """Recovery: all eight of the campaign, starts and stops within 10 s, angles within 0.1 deg."""
-    _, products = campaign()
-    truth, pointed = simulated()[1], products.pointed
-    letters = [pointed.attrs["satellites"][k] for k in pointed["satellite_index"].values]
-    axes = [("pitch", "yaw")[k] for k in pointed["axis_index"].values]
-    kinds = [("+" if s > 0 else "-") + a for s, a in zip(pointed["sign"].values, axes, strict=True)]
-    assert list(zip(letters, kinds, strict=True)) == [(m["satellite"], m["kind"]) for m in truth["manoeuvres"]]
-    for name in ("start", "stop"):
-        assert_allclose(pointed[name].values, [m[name] for m in truth["manoeuvres"]], atol=10)
-    assert_allclose(np.degrees(pointed["amplitude"].values), 1.0, atol=0.02)
-    assert_allclose(np.abs(np.degrees(pointed["offset"].values)), 2.0, atol=0.15)  # mean pointing 0.03 deg, drawn
 
 
 @pytest.mark.parametrize("amplitude", [1.0, 1.5, 1.7])
@@ -320,31 +307,17 @@ def test_wiggles_of_grace_are_found_too(amplitude):
         assert model.wiggles(time[:kept], routine[:kept], 0, 0, 250.0, *np.radians([0.5, 0.4])) == []
 
 
-def test_a_manoeuvre_of_the_catalogue_is_measured():
-    """Analytic: given times and sign stay, offset and amplitude are those of the angle."""
+def test_a_manoeuvre_of_the_catalogue_is_measured_and_quiet_data_keep_their_distance():
+    """Analytic: times and sign stay, offset and amplitude are the angle's; 0 inside, -1 beyond the margin, else -2."""
     time = np.arange(0.0, 6000.0)
     angle = np.zeros((2, 6000, 2))
     angle[1, :, 0] = np.radians(2 + np.sin(2 * np.pi * time / 250))
     found = model.measured(time, angle, 1, 0, 1, 1000.0, 4750.0, 250.0)
     assert found == model.Wiggle(1, 0, 1, 1000.0, 4750.0, found.offset, found.amplitude)
     assert_allclose(np.degrees([found.offset, found.amplitude]), [2, 1], rtol=1e-3)
-
-
-def test_quiet_data_keep_their_distance():
-    """Analytic: inside the trimmed span 0, beyond the margin -1, between them -2."""
     time = np.array([0.0, 69.0, 71.0, 99.0, 151.0, 180.0, 249.0, 251.0, 331.0])
     found = arcs(time, np.array([[100.0, 230.0]]), 50.0, 30.0)
     assert found.tolist() == [-1, -1, -2, -2, 0, 0, -2, -2, -1]
-
-
-def test_star_camera_noise_is_measured_from_the_wiggles():
-    """Recovery: density at 4 mHz as simulated, 20 urad/sqrt(Hz), within 30 % (excess of 8 arcs over the ranging)."""
-    _, products = campaign()
-    shape = 1 / (1 + (4e-3 / noise.CORNERS) ** 2)
-    found = np.sqrt(products.noise["pointing_power"].values @ shape)
-    keep = np.exp(-0.1)
-    slow = 2 * (3e-6) ** 2 * (1 - keep**2) / (1 + keep**2 - 2 * keep * np.cos(2 * np.pi * 4e-3))
-    assert_allclose(found, np.sqrt(slow + 2 * (1.5e-6) ** 2), rtol=0.3)
 
 
 def test_covariance_is_that_of_drawn_noise():
@@ -369,17 +342,12 @@ def test_covariance_is_that_of_drawn_noise():
     assert np.abs((found - sampled) / scale)[lower].max() < 6 * np.sqrt(2 / 600)
 
 
-def test_noise_comes_from_the_wiggles_where_there_is_no_quiet():
-    """Contract: the source is said, and the result stays near."""
+def test_noise_comes_from_the_wiggles_without_quiet_and_files_that_do_not_fit_are_refused():
+    """Contract: the source is said; of other days what they share, without a usable record the file, and what to do."""
     columns, _ = simulated()
     products = process(columns, quiet_minimum_s=86400)
     assert products.noise.attrs["source_data"] == "manoeuvres"
     assert np.all(products.noise["pointing_power"].values == 0)
-
-
-def test_files_that_do_not_fit_are_refused():
-    """Contract: of different days what they share and what to do is said, without a usable record the file is named."""
-    columns, _ = simulated()
     camera = dict(columns["SCA1B", "D"])
     moved, lost = (
         camera | {"gps_time": camera["gps_time"] + 86400},
@@ -412,17 +380,13 @@ def test_undetrended_columns_shorten_x_and_shrink_y_and_z():
     assert_allclose(by_acceleration[1:], TRUE[1:], atol=1e-3)
 
 
-def test_the_bias_makes_the_design_nearly_singular():
-    """Published: erratum K-3: condition number 9.8e3 with the bias and undetrended columns, 21 when detrended."""
+def test_the_bias_makes_the_design_nearly_singular_and_marks_the_formal_errors():
+    """Published: erratum K-3: condition 9.8e3, 21 when detrended; sigma_Y / sigma_X 0.017-0.021, 0.050 for the rate."""
     assert_allclose(published()["condition"].values[0, 0], 9.8e3, rtol=0.01)
     detrended = process(simulated(3, STILL, True)[0]).combined
     # weighed with what rounding leaves of a record without noise, which differs from machine to machine
     assert_allclose(detrended["condition"].values[:, 0], 21, atol=0.5)
     assert_allclose(1e3 * detrended["centre"].values[0, 0, 0, :3], TRUE, atol=1e-3)
-
-
-def test_formal_errors_have_the_fingerprint_of_the_levels():
-    """Published: erratum K-3: sigma_Y / sigma_X 0.017-0.021 for the range, 0.050 for its rate."""
     sigma = published()["formal_sigma"].values[:, 0, 0]
     assert 0.017 < sigma[0, 1] / sigma[0, 0] < 0.021
     assert_allclose(sigma[1, 1] / sigma[1, 0], 0.050, atol=2e-3)
