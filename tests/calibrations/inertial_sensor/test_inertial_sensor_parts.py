@@ -30,34 +30,26 @@ def test_a_small_change_of_rates_moves_the_attitude_to_first_order():
     assert_allclose(frames.attitude_error(moved, q), linear, atol=2e-9)  # square of 2e-5 rad
 
 
-def test_a_spike_is_found_and_bridged():
-    """Analytic: one sample of forty sigma, on a ramp of a tenth of a sigma a sample."""
+def test_a_spike_is_found_and_white_noise_measured_on_a_smooth_motion():
+    """Analytic: one sample of forty sigma on a ramp; standard deviation of 1e-5 on a swing of 3e-4, to 5 %."""
     time = np.arange(200) * 0.01
     values = np.stack([time, -time], axis=1) * 0.1 + 0.01 * np.random.default_rng(1).standard_normal((200, 2))
     values[77, 0] += 0.4
     spike = align.spikes(values, 5, 8.0)
     assert np.flatnonzero(spike.any(axis=1)).tolist() == [77]
     assert abs(align.repaired(time, values, spike)[77, 0] - 0.1 * time[77]) < 0.04  # four sigma of a sample
-
-
-def test_third_differences_measure_white_noise_on_a_smooth_motion():
-    """Recovery: standard deviation of 1e-5 on a swing of 3e-4, to 5 %."""
     time = np.arange(4000) * 0.25
     noise = 1e-5 * np.random.default_rng(2).standard_normal((4000, 3))
     variance = align.scatter_of_third_differences(3e-4 * np.sin(0.23 * time)[:, None] + noise)
     assert_allclose(np.sqrt(variance), 1e-5, rtol=0.05)  # three standard errors
 
 
-def test_a_gap_stays_a_gap_on_the_grid():
-    """Analytic: three samples missing are three missing values."""
+def test_gaps_stay_and_end_segments_and_means_leave_spikes_out():
+    """Analytic: three samples missing; a bin with a spike and a NaN has the mean of the rest; 30 and 25 bins of 10."""
     time = np.delete(np.arange(100) * 0.1, [40, 41, 42])
     out = align.on_grid(time, time[:, None], np.arange(100) * 0.1)
     assert np.flatnonzero(~np.isfinite(out[:, 0])).tolist() == [40, 41, 42]
     assert_allclose(out[50, 0], 5.0, atol=1e-12)
-
-
-def test_means_leave_spikes_and_missing_samples_out():
-    """Analytic: a bin with a spike and a NaN has the mean of the rest."""
     time = np.arange(1000) * 0.1
     values = np.random.default_rng(3).standard_normal((1000, 2))
     expected = values[100:200].copy()
@@ -66,6 +58,8 @@ def test_means_leave_spikes_and_missing_samples_out():
     assert_allclose(mean[1, 0], np.delete(expected[:, 0], 50).mean(), rtol=1e-9)
     assert_allclose(mean[1, 1], np.delete(expected[:, 1], 60).mean(), rtol=1e-9)
     assert count[1].tolist() == [99, 99]
+    time = np.concatenate([np.arange(30), 100 + np.arange(25)]) * 10.0
+    assert [part.start for part in bias.cut(time, 10.0, 100.0)] == [0, 10, 20, 30, 40]
 
 
 def test_the_orbit_frame_is_that_of_the_sensor_in_normal_pointing():
@@ -76,18 +70,20 @@ def test_the_orbit_frame_is_that_of_the_sensor_in_normal_pointing():
     assert_allclose(np.cross(R_oi[2], R_oi[0]), R_oi[1], atol=1e-15)
 
 
-def test_rolling_leaves_a_constant_offset_term():
-    """Published: Omega^2 p of erratum T-10 with the offset of Table 5: 1.1e-8 and 6.8e-8 m s-2 for 724 s."""
+def test_rolling_leaves_a_constant_offset_term_and_the_printed_matrix_differs_in_one():
+    """Published: Omega^2 p of erratum T-10 with the offset of Table 5: 1.1e-8 and 6.8e-8 m s-2 for 724 s.
+
+    Element (3,1) of eq. 13 has -wd_y misprinted as +wd_y (erratum T-1).
+    """
     rate = np.broadcast_to([0.0, 2 * np.pi / 724, 0.0], (100, 3))
     tensor = bias.offset_terms(rate, np.zeros((100, 3, 3)), 10.0)
     felt = np.abs(tensor.mean(axis=0) @ [-140.02e-6, 627.75e-6, -896.46e-6])
     assert_allclose(felt, [1.1e-8, 0.0, 6.8e-8], atol=0.06e-8)  # printed digits
-
-
-def test_segments_stop_at_a_gap():
-    """Analytic: 30 bins, a gap, 25 bins give 3 + 2 segments of 10."""
-    time = np.concatenate([np.arange(30), 100 + np.arange(25)]) * 10.0
-    assert [part.start for part in bias.cut(time, 10.0, 100.0)] == [0, 10, 20, 30, 40]
+    w, wd = np.array([1e-4, -1e-3, 2e-4]), np.array([1e-5, 2e-5, 3e-6])
+    difference = published_offset_matrix(w, wd, None) - sensing.rotation_tensor(w, wd)
+    expected = np.zeros((3, 3))
+    expected[2, 0] = 2 * wd[1]
+    assert_allclose(difference, expected, atol=1e-20)
 
 
 def test_a_mean_of_wandering_values_contains_the_wander():
@@ -134,15 +130,6 @@ def test_both_arms_are_carried():
     assert_allclose(found["k"][0] / found["k"][1], [1, 1, 10.45 / 8.0], rtol=1e-12)
     assert_allclose(found["k_sigma"][1, 2] / found["k"][1, 2], sigma[0] / beta[0], rtol=1e-12)  # T-6: unchanged
     assert_allclose(found["k_sigma"][1, 1], 3e-5, rtol=1e-12)
-
-
-def test_the_printed_matrix_differs_in_one_element():
-    """Published: element (3,1) of eq. 13 has -wd_y misprinted as +wd_y (erratum T-1)."""
-    w, wd = np.array([1e-4, -1e-3, 2e-4]), np.array([1e-5, 2e-5, 3e-6])
-    difference = published_offset_matrix(w, wd, None) - sensing.rotation_tensor(w, wd)
-    expected = np.zeros((3, 3))
-    expected[2, 0] = 2 * wd[1]
-    assert_allclose(difference, expected, atol=1e-20)
 
 
 def test_the_error_of_a_model_is_in_the_bias_of_a_roll():
