@@ -232,8 +232,8 @@ def test_a_wave_cut_by_the_record_is_found_where_it_is_recorded(begin, end):
     assert waves[0].upper[-1] <= time[kept][-1] + 1.6
 
 
-def test_missing_telemetry_inside_the_wave_widens_an_edge_and_moves_none():
-    """Contract: one missing sample at an edge; the interval contains the truth, the wave stays one."""
+def test_missing_telemetry_widens_an_edge_and_control_of_the_same_sign_moves_none():
+    """Contract: the interval of an edge contains the truth, the wave stays one; 20 mA that follow are no wave."""
     start = START + 0.3
     time, current = record(start)
     at = np.searchsorted(time, edges_of(start)[7])
@@ -241,6 +241,14 @@ def test_missing_telemetry_inside_the_wave_widens_an_edge_and_moves_none():
     (wave,) = find_waves(time, current, 0, SETTINGS)
     assert brackets(wave, edges_of(start)).all()
     assert wave.upper[7] - wave.lower[7] == pytest.approx(1.0)
+    time = np.arange(0, 600, 0.5) + 0.083
+    current = square(time, 100.0)
+    stop = np.flatnonzero(current)[-1]
+    current[stop + 1 :] = 20.0 * np.sign(current[stop])
+    (wave,) = find_waves(time, current, 2, SETTINGS)
+    np.testing.assert_allclose(np.abs(wave.level), 110.0)
+    assert wave.lower[-1] == time[stop]
+    assert wave.upper[-1] == time[stop + 1]
 
 
 def control():
@@ -272,18 +280,6 @@ NO_WAVE = {
 def test_what_is_no_wave_is_not_found(name):
     """Contract: signs alternate, sizes agree, the period is a setting; control currents are no manoeuvre."""
     assert find_waves(*NO_WAVE[name](), 0, SETTINGS) == []
-
-
-def test_a_control_current_of_the_same_sign_is_not_part_of_the_last_half_period():
-    """Analytic: 20 mA of control follow the wave at once; level and last edge are those of the wave."""
-    time = np.arange(0, 600, 0.5) + 0.083
-    current = square(time, 100.0)
-    stop = np.flatnonzero(current)[-1]
-    current[stop + 1 :] = 20.0 * np.sign(current[stop])
-    (wave,) = find_waves(time, current, 2, SETTINGS)
-    np.testing.assert_allclose(np.abs(wave.level), 110.0)
-    assert wave.lower[-1] == time[stop]
-    assert wave.upper[-1] == time[stop + 1]
 
 
 def magnetometer(time, currents, field_ut):

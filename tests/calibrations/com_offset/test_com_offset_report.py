@@ -190,7 +190,10 @@ def html(document, products):
 
 
 def test_the_page_says_the_numbers_of_the_document(html, document, products):
-    """Contract: every combined offset with both errors, the printed, 7 figures; the same text each time."""
+    """Contract: every combined offset with both errors, the printed, 7 figures; the same text each time.
+
+    Every table and figure with printed values beside a simulated event says that they belong to measured data.
+    """
     assert beside_printed(document, products) == html  # no clock, no machine, no memory address
     body = html[html.index("<body>") :]
     for block in document["variants"].values():
@@ -199,10 +202,6 @@ def test_the_page_says_the_numbers_of_the_document(html, document, products):
     assert "113.5 ± 0.5" in body  # Table 6, acc_calibrated
     assert page.vcm_line(document, "C") in body
     assert [int(n) for n in re.findall(r"<b>Figure (\d+)\.</b>", html)] == list(range(1, 8))
-
-
-def test_printed_values_beside_a_simulated_event_are_marked(html, document, products):
-    """Contract: every table and figure with printed values says that they belong to measured data."""
     simulated = documents.judged(document, [xr.Dataset(attrs={"origin": "simulated"})], [])
     text = page.html(simulated, products | WITHOUT_FIGURES, catalog.published("com_offset", EVENT))
     mark = "What is printed belongs to measured data, this event is simulated."
@@ -211,8 +210,8 @@ def test_printed_values_beside_a_simulated_event_are_marked(html, document, prod
     assert "Hollow: printed values. " + mark in text
 
 
-def test_what_is_missing_is_left_out_and_said(products):
-    """Contract: a figure without its product; the gap of a manoeuvre that is not used; names are text, not HTML."""
+def test_what_is_missing_is_left_out_and_printed_manoeuvres_are_matched_by_kind_and_latitude(products, document):
+    """Contract: no figure without its product, the gap of a manoeuvre, names as text; Table 7 by kind and latitude."""
     smoothed = moved(products, "attitude", gap=[0, 1, 0])
     html = page.html(
         document_of(smoothed, "<b>x</b>"), products | WITHOUT_FIGURES | {"attitude": smoothed["attitude"]}, {}
@@ -220,10 +219,6 @@ def test_what_is_missing_is_left_out_and_said(products):
     assert html.count("<figure ") == 2  # estimates, from the document; attitude
     assert html.count("not used: gap in orbit") == 1
     assert "<b>x</b>" not in html
-
-
-def test_printed_manoeuvres_are_matched_by_kind_and_latitude(document):
-    """Published: Table 7; ours are pitch and roll at high, yaw at low latitude."""
     found = page.printed_manoeuvres(document, catalog.published("com_offset", EVENT))
     kinds = [one["kind"] for one in document["manoeuvres"]]
     assert found[kinds.index("pitch"), "mtq"].value == (109.5, None, 22.9)
