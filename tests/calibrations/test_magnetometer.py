@@ -46,17 +46,12 @@ def study(tmp_path_factory):
 
 
 def test_errors_scatter_as_their_sigma_says(study):
-    """Recovery: sum of (error/sigma)^2 of each of 23 parameters in its chi-square interval; 5 % of noise model."""
-    seed, errors, _ = study
+    """Recovery: sum of (error/sigma)^2 of 23 parameters in its interval, 5 % of noise model; that of the parts."""
+    seed, errors, agreement = study
     low, high = stats.chi2.interval(1 - LEVEL / 23, COUNT)
     total = np.sum(errors**2, axis=0)
     assert ((low / 1.1 < total) & (total < high * 1.1)).all(), f"GRAVCAL_TEST_SEED={seed}: {total}"
     assert 0.85 < np.sqrt(np.mean(errors**2)) < 1.15, f"GRAVCAL_TEST_SEED={seed}"
-
-
-def test_parts_of_a_record_agree(study):
-    """Recovery: chi-square of the parts over all records."""
-    seed, _, agreement = study
     chi2, dof = agreement.sum(axis=0)
     assert 0.85 < chi2 / dof < 1.2, f"GRAVCAL_TEST_SEED={seed}"
 
@@ -182,14 +177,10 @@ def test_temperature_is_named_alone_where_it_was_hidden_and_nowhere_else(tmp_pat
         assert abs(one["value"] - hidden[2]) < 4 * one["sigma"] < 0.4 * hidden[2]
 
 
-def test_parts_that_contradict_each_other_say_so():
-    """Analytic: two parts of one parameter, 1 and 3 with unit variance: 2 on average, chi-square 2 of one degree."""
+def test_parts_that_contradict_each_other_say_so_and_of_a_sum_no_part_is_determined():
+    """Analytic: 1 and 3 with unit variance: chi-square 2 of one degree; of a + b and c a and b are null, c is not."""
     chi2, dof = named_parameters.agreement(np.ones((2, 1, 1)), np.array([[1.0], [3.0]]))
     assert (chi2, dof) == (pytest.approx(2.0), 1)
-
-
-def test_a_parameter_of_which_only_the_sum_is_seen_is_not_determined():
-    """Analytic: of a + b and c the sum and c are seen: a and b are null, c is not."""
     design = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
     value, covariance = named_parameters.solution(design.T @ design, design.T @ [3.0, 5.0], np.full(3, 10.0))
     assert np.isnan(value).tolist() == [True, True, False]

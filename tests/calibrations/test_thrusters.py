@@ -60,14 +60,10 @@ def test_errors_scatter_as_their_sigma_says(study):
     assert 0.7 < np.sqrt(np.mean(errors**2)) < 1.2, f"GRAVCAL_TEST_SEED={seed}"
 
 
-def test_an_impulse_without_turn_makes_the_angle_grow_with_time():
-    """Analytic: no turn: angle = J^-1 L t."""
+def test_an_impulse_makes_the_angle_grow_and_a_smooth_torque_is_taken_up():
+    """Analytic: without turn angle = J^-1 L t; a parabola is followed to rounding; a steady turn makes no angle."""
     response = model.impulse_response(INERTIA, np.zeros(3), 900.0)
     assert_allclose(response(np.array([300.0]))[0], 300.0 * np.linalg.inv(INERTIA), rtol=1e-9)
-
-
-def test_a_smooth_torque_is_taken_up_and_a_steady_turn_leaves_no_angle():
-    """Analytic: a constant torque makes a parabola, which the spline follows to rounding; a steady turn makes none."""
     time = np.arange(0.0, 900.0, 5.0)
     smooth = model.smooth_torque(time, 30.0)
     left = time**2 - smooth @ np.linalg.lstsq(smooth, time**2, rcond=None)[0]
