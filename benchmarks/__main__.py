@@ -17,7 +17,6 @@ NAMES = {
     "readers": ("speed", "readers", "always"),
     "attitude": ("speed", "attitude", "always"),
     "field": ("speed", "field", "always"),
-    "day": ("campaign", "day", "always"),
     "campaign": ("campaign", "campaign", "always"),
     "browse": ("browse", "browse", "always"),
     "kbr_phase_centre": ("kbr_phase_centre", "recovery", "whole"),

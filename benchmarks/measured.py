@@ -1,6 +1,6 @@
 """Findings in measured data, and every figure of the days at hand beside the one that was first said of it.
 
---data holds the days by name, --out draws the figures of docs/discoveries.md.
+--data holds the days by name, --out draws the figure of docs/discoveries.md.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from gravcal.calibrations.thrusters import estimate, model
 from gravcal.discovery import design, driver
 from gravcal.errors import GravcalError
 from gravcal.estimation import least_squares, noise, robust
-from tasks import common, discovery, stage
+from tasks import common, stage
 from tasks import kbr_phase_centre as of_pair
 
 RUNS = (
@@ -64,7 +64,7 @@ MISSING = "not run, inputs missing"
 
 
 def measured(options) -> list[Figure]:
-    """Print what every run finds, and every figure beside what was said of it; or draw the figures."""
+    """Print what every run finds, and every figure beside what was said of it; or draw the picture."""
     if options.out:
         draw(options.data, Path(options.out))
         return []
@@ -308,7 +308,7 @@ def attitude(root: Path, letter: str) -> Attitude:
 
 
 def draw(root: Path, folder: Path) -> None:
-    """Figures of the page, from a folder of measured data into another."""
+    """Figure of the page, from a folder of measured data into another."""
     mpl.use("Agg")
     mpl.rcParams["svg.hashsalt"] = "gravcal"
     from matplotlib import pyplot as plt
@@ -326,23 +326,3 @@ def draw(root: Path, folder: Path) -> None:
     right.axhline(0, color="0.6", lw=0.8)
     right.set(xlabel="time from the tag of a firing (s)", ylabel="roll impulse / nominal")
     figure.savefig(folder / "discovery_firings.svg", metadata={"Date": None})
-    figure, axes = plt.subplots(1, 3, figsize=(9, 3.0), layout="constrained")
-    table(axes)
-    figure.savefig(folder / "discovery_table.svg", metadata={"Date": None})
-
-
-def table(axes) -> None:
-    """Published offsets by manoeuvre, and what one offset with a current leak gives, a panel for each component."""
-    chosen = catalog.parameters(TABLE.name)
-    observed = published.observe({}, **TABLE.discovery.settings(TABLE, chosen))
-    limits = driver.Limits(*(getattr(chosen, name) for name in discovery.LIMITS))
-    found = driver.discover(observed, limits)
-    block, axis = found["block"].values, found["component"].values
-    fitted = (found["observed"] - found["residual_after"]).values
-    value, sigma, known = observed.printed
-    for k, panel in enumerate(axes):
-        number, place = np.flatnonzero(known[:, k]), np.flatnonzero(axis == k)
-        scale = 1e6 * sigma[number, k]
-        panel.errorbar(number + 1, 1e6 * value[number, k], scale, color="k", marker="o", ls="", capsize=3)
-        panel.plot(block[place] + 1.2, fitted[place] * scale, color="#d55e00", marker="x", ls="")
-        panel.set(title=f"d{'xyz'[k]}", xlabel="manoeuvre", ylabel="um" if k == 0 else "", xlim=(0.5, 7.7))

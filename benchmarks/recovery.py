@@ -15,7 +15,6 @@ from benchmarks.tables import (
     Figure,
     bias_figure,
     cases,
-    grid,
     of_tests,
     rms_figure,
     say,
@@ -33,7 +32,7 @@ VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 HELD_TO_BOUND = VARIANTS[:3]
 DELAYS = {"acc": "timing.accelerometer_delay", "sca": "timing.star_camera_delay"}
 DELAY_SIGMA_S = 0.1  # of the delays that are drawn for each event, the prior of the effects
-FAMILY = 12 + 12 + 2 + 4  # rms, scatter, delays, residuals
+FAMILY = 12 + 12 + 2  # rms, scatter, delays
 LAGS = 2**17  # samples of the circle on which the spectrum is summed, long against any memory of the noise
 
 
@@ -66,7 +65,7 @@ def recovery(options) -> list[Figure]:
     say(f"seven manoeuvres, offset 60 um and delays {DELAY_SIGMA_S} s (sigma) drawn for each event, divisors exact\n")
     rows = list(cases(one, seeds, options.workers))
     table = {name: np.array([row[name] for row in rows]) for name in rows[0]}
-    _sizes(table)
+    say(f"components not determined: {np.isnan(table['error']).sum()} of {table['error'].size}\n")
     ratio, late = table["error"] / table["sigma"], table["delay"][..., 0] / table["delay"][..., 1]
     each = [(f"{v} {a}", i, j, v in HELD_TO_BOUND) for i, v in enumerate(VARIANTS) for j, a in enumerate("xyz")]
     figures = [rms_figure(f"error/sigma {n}, rms", ratio[:, i, j], FAMILY, judged=held) for n, i, j, held in each]
@@ -76,9 +75,7 @@ def recovery(options) -> list[Figure]:
     figures += show([scatter_figure(n, bound[:, i, j], judged=held) for n, i, j, held in each], "std. error")
     bias = [bias_figure(f"bias/sigma {n}", ratio[:, i, j]) for n, i, j, _ in each]
     bias += [bias_figure(f"bias/sigma delay {k}", late[:, i]) for i, k in enumerate(DELAYS)]
-    figures += show(bias, "3 std. errors")
-    chi2 = [(f"residuals, chi2/dof {v}", *table["residual"][:, :, i].T) for i, v in enumerate(VARIANTS)]
-    return figures + show([chi2_figure(*one) for one in chi2], "")
+    return figures + show(bias, "3 std. errors")
 
 
 def one(seed: int) -> dict:
@@ -98,7 +95,6 @@ def one(seed: int) -> dict:
         "error": error,
         "sigma": sigma,
         "delay": np.array(late),
-        "residual": np.array([np.nansum(combined[f"manoeuvre_{n}"].values, axis=1) for n in ("chi2", "dof")]),
     }
 
 
@@ -151,20 +147,6 @@ def _factors(nodes, amplitudes, rounding, step, count=1850):
     return factors
 
 
-def _sizes(table):
-    """What the numbers are in micrometres."""
-    parts = {
-        "scatter": np.nanstd(table["error"], axis=0),
-        "sigma": np.nanmean(table["sigma"], axis=0),
-        "Cramer-Rao": np.tile(table["bound"].mean(axis=0), (4, 1)),
-    }
-    rows = [("um", *parts)]
-    for i, v in enumerate(VARIANTS):
-        rows += [(f"{v} {a}", *(f"{1e6 * part[i, j]:.3f}" for part in parts.values())) for j, a in enumerate("xyz")]
-    grid(rows)
-    say(f"components not determined: {np.isnan(table['error']).sum()} of {table['error'].size}\n")
-
-
 def scatter_figure(name: str, ratio: np.ndarray, *, judged: bool) -> Figure:
     """Scatter of errors over their lower bound (n,): at most 1.1, chance allowed for."""
     ratio = ratio[np.isfinite(ratio)]
@@ -172,14 +154,6 @@ def scatter_figure(name: str, ratio: np.ndarray, *, judged: bool) -> Figure:
     limit = 1.1 * np.sqrt(stats.chi2.ppf(1 - FALSE_ALARM / FAMILY, dof) / dof)
     error, name = f"+- {value / np.sqrt(2 * dof):.3f}", f"scatter/Cramer-Rao {name}"
     return Figure(name, f"{value:.3f}", error, *((f"<= 1.10 ({limit:.2f})", bool(value <= limit)) if judged else ()))
-
-
-def chi2_figure(name: str, chi2: np.ndarray, dof: np.ndarray) -> Figure:
-    """Sum of chi-squares (n,) over the sum of their degrees of freedom (n,); 0.05 more for a measured noise."""
-    count = float(np.sum(dof))
-    low, high = stats.chi2.interval(1 - FALSE_ALARM / FAMILY, count)
-    value, low, high = float(np.sum(chi2)) / count, low / count - 0.05, high / count + 0.05
-    return Figure(name, f"{value:.3f}", f"{count:.0f} dof", f"{low:.3f} .. {high:.3f}", bool(low <= value <= high))
 
 
 def heads(options) -> list[Figure]:
