@@ -132,8 +132,8 @@ def test_a_direction_that_the_others_hardly_see_costs_little():
     assert min(gains) > -25.0
 
 
-def test_what_only_one_block_sees_gains_nothing():
-    """Analytic: a column of the candidate in a single block, of any size, at right angles to the baseline."""
+def test_what_only_one_block_sees_gains_nothing_and_is_fitted_in_it():
+    """Analytic: of a candidate, of any size, at right angles to the baseline; of the baseline as an own column."""
     rng = np.random.default_rng(4)
     blocks = [(rng.standard_normal(50), rng.standard_normal((50, 2))) for _ in range(3)]
     for _, columns in blocks[1:]:
@@ -141,10 +141,6 @@ def test_what_only_one_block_sees_gains_nothing():
     columns = np.linalg.qr(blocks[0][1])[0]
     blocks[0] = (blocks[0][0] + 30 * columns[:, 1], columns)
     assert attribution.held_out(grams(blocks), np.array([1]), np.array([2])) == pytest.approx(0.0, abs=1e-6)
-
-
-def test_a_part_of_the_baseline_that_only_one_block_sees_is_fitted_in_it():
-    """Analytic: own column in place of a baseline column of one block, the same gain."""
     rng = np.random.default_rng(6)
     blocks = [(rng.standard_normal(60), rng.standard_normal((60, 3))) for _ in range(3)]
     for observed, columns in blocks:

@@ -44,8 +44,11 @@ def doubled(channel, index, rows):  # noqa: ARG001 - all that a calibration is g
     return np.arange(120.0), np.full((120, 1), 5.0), 2 * part.T[:, :, None]
 
 
-def test_what_a_finding_helps_most_is_shown():
-    """Contract: channel and block with the signal, none in its place; measured less simulated is the residual."""
+def test_what_a_finding_helps_most_is_shown_or_the_least_likely_band():
+    """Contract: channel and block with the signal, none in its place; measured less simulated is the residual.
+
+    Of a signal that no candidate holds measured and baseline, no extended model; clean data show nothing.
+    """
     found = result(2.0)
     without = [found.before.rest]  # there is one finding
     places = clearest(found, ("angular", "linear"), 0.005, without)
@@ -63,10 +66,6 @@ def test_what_a_finding_helps_most_is_shown():
     assert json.loads(product.attrs["shown"]) == [{"finding": 0, "channel": "linear", "block": "block 1", "axis": 0}]
     assert "angular_measured" not in product
     assert clearest(found, ("angular",), 0.005, without) == []
-
-
-def test_where_nothing_is_named_the_least_likely_band_is_shown():
-    """Contract: a signal that no candidate holds: measured and baseline, no extended model; clean data show nothing."""
     found = result(2.0, listed=False)
     assert not found.findings
     places = clearest(found, ("angular", "linear"), 0.005, [])

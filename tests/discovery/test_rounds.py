@@ -45,17 +45,13 @@ def hiding(blocks, columns, size):
     return [replace(b, observed=b.observed + size * c[:, 0]) for b, c in zip(blocks, columns, strict=True)]
 
 
-def test_an_effect_is_named_with_the_one_that_looks_the_same():
-    """Recovery: S/N 12 of a column; its double is tied, an unrelated one is not."""
+def test_an_effect_is_named_with_the_one_that_looks_the_same_and_beside_a_drift():
+    """Recovery: S/N 12, its double is tied, an unrelated column not; in a thirty-thousandth that is no drift, too."""
     blocks, candidates = made(np.random.default_rng(5), signal=12.0)
     found = search(blocks, candidates, CHOICE, np.random.default_rng(1)).findings
     assert len(found) == 1
     assert {found[0].cause, *found[0].tied} == {"case.a", "case.twin"}
     assert found[0].heldout > 0
-
-
-def test_a_column_that_is_nearly_a_drift_is_seen_by_what_it_has_beside_it():
-    """Recovery: S/N 12 in a thirty-thousandth of a column whose rest is the blocks' own drift."""
     blocks, candidates = made(np.random.default_rng(5), signal=12.0)
     steep = [c + 3e4 * b.local_columns[:, 1:] for c, b in zip(candidates[0].columns, blocks, strict=True)]
     found = search(blocks, [replace(candidates[0], columns=steep)], CHOICE, np.random.default_rng(1)).findings
@@ -230,8 +226,8 @@ def waves(rng, frequency, size):
     return blocks, found
 
 
-def test_a_shape_is_fitted_between_the_grid_and_its_error_counts():
-    """Recovery: frequency and size of a wave, squared errors over variance of 20 draws within the 0.01 % points."""
+def test_a_shape_is_fitted_between_the_grid_and_a_strong_wave_is_one_name():
+    """Recovery: frequency and size, squared errors over variance of 20 draws to 0.01 %; at 40 sigma one name alone."""
     rng, errors = np.random.default_rng(21), []
     for _ in range(20):
         frequency = rng.uniform(0.1, 0.2)
@@ -243,10 +239,6 @@ def test_a_shape_is_fitted_between_the_grid_and_its_error_counts():
     total = np.sum(np.square(errors), axis=0)
     assert np.all(total < 52.4)
     assert np.all(total > 4.4)
-
-
-def test_a_strong_wave_between_the_grid_is_one_name_in_its_own_shape():
-    """Recovery: 40 sigma; what the grid leaves gets no name, and no other shape of it is taken."""
     result = search(*waves(np.random.default_rng(5), 0.1511, 3.0), CHOICE, np.random.default_rng(1))
     (found,) = result.findings
     assert abs(result.problem.candidates[found.index].shape.value[0] - 0.1511) < 1e-4
@@ -470,17 +462,16 @@ def test_an_unseen_direction_costs_what_the_seen_ones_leave_possible(prior, held
     assert np.isclose(added, sum(one[0] ** 2 for one in result.unseen.values()), rtol=1e-6, atol=1e-15)
 
 
-def test_a_parameter_that_an_extension_leaves_open_keeps_its_value_and_others_have_theirs_beside_it():
-    """Analytic: the second of two with correlation -0.93 moves by five of its sigma given the first, which stays."""
+def test_what_an_extension_leaves_open_keeps_its_value_and_what_the_prior_knows_better_stays_plausible():
+    """Analytic: the second of two with correlation -0.93 moves by five of its sigma given the first, which stays.
+
+    Data of 10 and of 0.1 sigma a unit, priors of one: the second shrinks to a hundredth of itself.
+    """
     covariance = np.array([[165.0**2, -0.93 * 165 * 13], [-0.93 * 165 * 13, 13.0**2]])
     rest = np.array([10.0, -24.0]) - left_open(np.array([10.0, -24.0]), covariance, np.array([7.0, 3.0]))
     np.testing.assert_allclose(rest, [0.0, -24.0 + 0.93 * 13 / 165 * 10], rtol=1e-9)
     for move, sigma in (([600.0, -60.0], [7.0, 3.0]), ([10.0, -24.0], [100.0, 7.0])):  # seen, and not wider
         assert not left_open(np.array(move), covariance, np.array(sigma)).any()
-
-
-def test_a_direction_that_the_prior_knows_better_stays_plausible_and_others_stay_as_they_are():
-    """Analytic: data of 10 and of 0.1 sigma a unit, priors of one: the second shrinks to a hundredth of itself."""
     normal, true = np.diag([100.0, 0.01]), np.array([30.0, 7.0])
     value, covariance = _held(normal, normal @ true, np.ones(2))
     assert np.allclose(value, [30.0, 7.0 * 0.01 / 1.01])
@@ -554,8 +545,8 @@ def test_a_driver_that_moves_the_calibration_further_than_its_error_is_not_adopt
         assert (found.shared[1][0] == other[0]) != adopted
 
 
-def test_of_causes_that_cancel_each_other_one_goes():
-    """Analytic: two columns nearly opposite, of which the data want a hundred sigma each and five beside each other."""
+def test_of_causes_that_cancel_each_other_one_goes_and_two_lines_stay():
+    """Analytic: two columns nearly opposite, a hundred sigma each, five beside each other; lines keep their names."""
     rng = np.random.default_rng(53)
     blocks, (first, second, _) = made(rng)
     near = [c + 0.05 * d for c, d in zip(first.columns, second.columns, strict=True)]
@@ -564,6 +555,9 @@ def test_of_causes_that_cancel_each_other_one_goes():
     chosen = [(0, None), (1, None)]
     assert len(pruned(problem, chosen)) == 1
     assert pruned(problem, [(0, None), (2, None)]) == [(0, None), (2, None)]
+    line = Candidate("accelerometer.stray_tone", "0.1 Hz", ["cosine_0"], ["m s-2"], [np.ones((2, 1))] * 2, apart=True)
+    chosen = [(0, None), (1, None)]
+    assert merged(SimpleNamespace(candidates=[line, replace(line, form="0.2 Hz")]), chosen, None) == chosen
 
 
 def test_limits_say_from_which_size_an_effect_is_named_and_what_it_is_taken_for():
@@ -584,13 +578,6 @@ def test_limits_say_from_which_size_an_effect_is_named_and_what_it_is_taken_for(
     assert rows["case.b"]["alone_from"] == pytest.approx(rows["case.b"]["size"])
     assert len(said) == 4
     assert len(limits_table({"limits": list(rows.values())}).rows) == 3
-
-
-def test_two_lines_are_not_merged_into_one():
-    """Contract: lines of two frequencies act at once, and each keeps its name."""
-    line = Candidate("accelerometer.stray_tone", "0.1 Hz", ["cosine_0"], ["m s-2"], [np.ones((2, 1))] * 2, apart=True)
-    chosen = [(0, None), (1, None)]
-    assert merged(SimpleNamespace(candidates=[line, replace(line, form="0.2 Hz")]), chosen, None) == chosen
 
 
 def test_a_series_that_comes_near_is_widened_to_the_law_that_is_there_with_its_constant():
