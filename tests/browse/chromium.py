@@ -3,7 +3,7 @@
 import contextlib
 import shutil
 
-FLAGS = (
+FLAGS = [
     "--headless",
     "--no-sandbox",
     "--disable-gpu",
@@ -14,7 +14,7 @@ FLAGS = (
     "--disable-sync",
     "--disable-dev-shm-usage",
     "--window-size=1300,1000",
-)
+]
 
 DRAWN = "return [...document.querySelectorAll('[data-figure]')].map(place => place.dataset.state)"
 

@@ -64,8 +64,11 @@ def day(shop):
     return shop | {"tried": own}
 
 
-def test_the_chain_is_that_of_the_last_run_and_marks_what_a_change_remakes(day, ask):
-    """Contract: no product of another flow; another value of a setting marks what takes it and what is made of that."""
+def test_the_chain_is_that_of_the_last_run_and_results_say_how_they_differ(day, ask):
+    """Contract: no product of another flow; another value of a setting marks what takes it and what is made of that.
+
+    Yesterday's beside last month's: values with digits of their error, in sigma, the setting by name.
+    """
     nodes = store_index.chain(EVENT, flow="com_offset")
     assert {node.stage for node in nodes} == {
         "com_offset.align",
@@ -83,10 +86,6 @@ def test_the_chain_is_that_of_the_last_run_and_marks_what_a_change_remakes(day, 
     entries = housekeeping.entries(event=EVENT, configuration="operational")
     assert {one.ref.stage for one in entries if one.ref.key in history.remade(entries, "gain")} == {
         "com_offset.solve.mtq", "com_offset.solve.acc", "com_offset.report"}  # fmt: skip
-
-
-def test_results_of_an_event_say_how_they_differ_and_why(day, ask):
-    """Contract: yesterday's beside last month's: values with digits of their error, in sigma, the setting by name."""
     text = ask(f"/event/{EVENT}").text.split("<h2>Other results")[1].split("</table>")[0]
     assert "gain: 1.0 -&gt; 1.5" in text
     assert "gain: 9.0 -&gt; 1.5" in text
@@ -187,8 +186,8 @@ def test_products_are_told_apart_by_what_differs(day, ask):
     assert "gain: 1.5 -&gt; 1.0 (operational" in ask(f"/product/{day['first']['mtq'].key}").text
 
 
-def test_discovery_limits_and_designs_have_pages(day, ask):
-    """Contract: findings with digits of their error, limits with what they mean, manoeuvres in calendar time."""
+def test_discovery_limits_designs_and_all_events_have_pages(day, ask):
+    """Contract: digits of errors, what limits mean, calendar time; a joint model with its verdict and page."""
     text = ask(f"/event/{EVENT}/discovery").text
     for said in ("A gain is named.", "torque.dipole_gain", "3.00 ± 0.20 %", "4 ms", "0.04", "never"):
         assert said in text
@@ -197,10 +196,6 @@ def test_discovery_limits_and_designs_have_pages(day, ask):
     assert "com_offset_session" in ask("/designs").text
     assert "2020-02-26 14:40:00.0" in ask(f"/designs?event={EVENT}").text  # 6.36e8 s
     assert "latitude" in ask("/designs?event=grace-c-2020-02-01").text
-
-
-def test_all_events_of_a_satellite_have_a_page(day, ask):
-    """Contract: the joint model is in the list of events, says its verdict, and shows its own page."""
     document = {"calibration": "com_offset", "origin": "measured", "verdict": {"text": "20 events: a gain in all."}}
     files = {"joint.html": "<!DOCTYPE html><title>j</title>", "joint.json": json.dumps(document)}
     key = put("grace-c/com_offset.joint", dataset(10), files=files).key

@@ -58,14 +58,18 @@ def test_a_gap_is_not_bridged(count):
     assert drawn[gap - 1] < count <= 10 * count <= drawn[gap + 1]
 
 
-def test_nan_is_left_out_of_a_range():
-    """Contract: a bin with some NaN shows the rest, a bin of NaN alone is a gap."""
+def test_nan_is_left_out_of_a_range_and_gaps_are_noticed():
+    """Contract: a bin of NaN alone is a gap; stretches of 2000 s at the ends of 40,000 s fill a tenth of it."""
     y = np.ones(100_000)
     y[::2] = np.nan
     y[50_000:60_000] = np.nan
     drawn, low = series.view(series_of(np.arange(100_000.0), y))
     assert np.isnan(low[(drawn > 50_200) & (drawn < 59_800)]).all()
     assert (low[(drawn < 49_800)] == 1).all()
+    x = np.concatenate([np.arange(2000.0), 38000 + np.arange(2000.0)])
+    assert series_of(x, x).filled() == pytest.approx(0.1, rel=0.01)
+    assert series_of(x[:2000], x[:2000]).filled() == pytest.approx(1.0, rel=0.01)
+    assert series_of(x[:3], x[:3]).filled() == 1.0
 
 
 def test_difference_of_shifted_grids_interpolates():
@@ -93,11 +97,3 @@ def test_spectrum_of_white_noise_is_its_density():
     assert "Welch" in said
     assert frequency[-1] == pytest.approx(1.0)  # Hz, half the rate of 2 Hz
     assert np.sqrt(np.mean(density**2)) == pytest.approx(3.0 * np.sqrt(2 * 0.5), rel=0.02)  # 150,000 samples
-
-
-def test_gaps_are_noticed():
-    """Analytic: two stretches of 2000 s at the ends of 40,000 s fill a tenth of the axis; without a gap all of it."""
-    x = np.concatenate([np.arange(2000.0), 38000 + np.arange(2000.0)])
-    assert series_of(x, x).filled() == pytest.approx(0.1, rel=0.01)
-    assert series_of(x[:2000], x[:2000]).filled() == pytest.approx(1.0, rel=0.01)
-    assert series_of(x[:3], x[:3]).filled() == 1.0
