@@ -236,8 +236,8 @@ def test_a_broken_record_is_an_error_with_its_place(fakecal, text):
         configurations.chosen("fakecal", {})
 
 
-def test_experiments_are_listed_as_such(run, fakecal, capsys):
-    """Contract: products with their configurations; a product of an experiment is named by its path below latest."""
+def test_experiments_are_listed_as_such_and_a_comparison_needs_events_of_both(run, fakecal, capsys):
+    """Contract: products with their configurations, by their path below latest; an error that says what to run."""
     run()
     run("--set", "gain=3", "--as", "mine")
     capsys.readouterr()
@@ -249,6 +249,9 @@ def test_experiments_are_listed_as_such(run, fakecal, capsys):
     key = json.loads(capsys.readouterr().out)["record"]["key"]
     assert key == links("mine")["scale.one"] != links()["scale.one"]
     assert housekeeping.resolve(f"fake-1/{stage}").ref.key == links()["scale.one"]
+    assert gravcal("compare", "fakecal", "operational", "mine") == 1  # its flow has no report
+    assert "found 0 events of operational" in " ".join(capsys.readouterr().err.split())
+    assert gravcal("compare", "fakecal", "operational", "other") == 1
 
 
 @pytest.mark.parametrize("options", [("--workers", "0"), ("--engine", "inline", "--workers", "1")])
@@ -301,15 +304,6 @@ def test_settings_say_what_they_are_and_what_was_tried(run, capsys):
     assert gravcal("settings", "fakecal", "nothing") == 1
     assert gravcal("settings") == 0
     assert "com_offset" in capsys.readouterr().out
-
-
-def test_a_comparison_needs_events_of_both(run, fakecal, capsys):
-    """Contract: an error that says what to run; a configuration that was never run is one, too."""
-    run()
-    run("--set", "gain=3", "--as", "mine")
-    assert gravcal("compare", "fakecal", "operational", "mine") == 1  # its flow has no report
-    assert "found 0 events of operational" in " ".join(capsys.readouterr().err.split())
-    assert gravcal("compare", "fakecal", "operational", "other") == 1
 
 
 def test_events_of_the_catalogue_say_whether_their_files_are_at_hand(tmp_path, monkeypatch, capsys):

@@ -376,8 +376,8 @@ print(json.dumps(found))
 """
 
 
-#: Each another kind of flow: variants, a pair of satellites, a product from no file of the day.
-AS_TASKS = [name for name in ("com_offset", "kbr_phase_centre", "gradient_torque") if name in SMALL]
+#: Each another kind of flow: variants, a product from no file of the day.
+AS_TASKS = [name for name in ("com_offset", "gradient_torque") if name in SMALL]
 
 
 def test_tasks_of_prefect_make_the_same_products(level_one, prefect_home, tmp_path):

@@ -11,6 +11,7 @@ import threading
 import time
 import urllib.parse
 from pathlib import Path
+from unittest import mock
 
 import psutil
 import pytest
@@ -452,40 +453,22 @@ def test_reports_are_served_to_who_has_the_link_and_nothing_else(store_folder):
 
 
 @pytest.mark.usefixtures("_prefect")
-def test_the_row_of_an_event_shows_its_values_and_links_its_report(monkeypatch, store_folder):
-    """Contract: values with sigma, or what went wrong; the link leads to the served page."""
+def test_the_row_of_an_event_links_its_report_and_too_few_for_a_note_are_no_failure(monkeypatch, store_folder):
+    """Contract: values with sigma, or what went wrong; the link leads to the served page; the note says why."""
     from flows import scheduled
 
     row = scheduled._table_row({"event": "one", "status": "delivered", "said": "x 1.00 +- 0.50 um", "verdict": "good"})
     assert (row["values"], row["said"]) == ("x 1.00 +- 0.50 um", "good")
     assert scheduled._table_row({"event": "one", "status": "failed", "error": "why"})["said"] == "why"
-    folder = store_folder / "objects" / "ab" / "key"
+    folder, notes = store_folder / "objects" / "ab" / "key", []
     folder.mkdir(parents=True)
     (folder / "report.html").write_text("")
     assert list(scheduled._links({"report": str(folder)})) == [(folder / "report.html").as_uri()]
-    monkeypatch.setenv(scheduled.REPORTS, "http://127.0.0.1:1/{}?token=t")
-    assert list(scheduled._links({"report": str(folder)})) == ["http://127.0.0.1:1/ab/key/report.html?token=t"]
-
-
-@pytest.mark.usefixtures("_prefect")
-def test_a_note_says_what_all_events_say_and_too_few_are_no_failure(monkeypatch, store_folder):
-    """Contract: watching is part of serve: verdict and changes of each satellite, with the address of its page."""
-    from flows import scheduled
-
-    page, notes = store_folder / "objects" / "ab" / "key" / "joint.html", []
+    refused = mock.Mock(side_effect=ProductError("one event"))
     monkeypatch.setattr(scheduled, "create_markdown_artifact", lambda text, **about: notes.append((about["key"], text)))
-    found = [({"event": "grace-c", "verdict": {"text": "3 events."}}, [page], ["z moved by 31 +- 4 um"])]
-    monkeypatch.setattr(scheduled.watching, "joint", lambda *_, **__: found)
-    scheduled._together("com_offset", "C", None, None, 0)
-    lines = ["", "grace-c: 3 events.", "", "- changed: z moved by 31 +- 4 um", f"- [joint.html]({page.as_uri()})"]
-    assert notes == [("com-offset-joint", "\n".join(lines))]
-
-    def refused(*_, **__):
-        raise ProductError("one event")
-
     monkeypatch.setattr(scheduled.watching, "joint", refused)
     scheduled._together("com_offset", "C", None, None, 0)
-    assert notes[1][1] == "one event"
+    assert notes == [("com-offset-joint", "one event")]
 
 
 @pytest.mark.usefixtures("_prefect")
