@@ -49,8 +49,7 @@ DAMAGED = (OSError, RuntimeError, KeyError, ValueError, TypeError)
 PACKED_DAMAGED = (EOFError, OSError, zlib.error, tarfile.TarError)
 FETCH_AGAIN = "Fetch the file again from the official archive."
 REMEDY = "Fetch the file again from the official archive, or raise GRAVCAL_UNPACKED_LIMIT (MB) if it is genuine."
-LISTED = 8  # folders, the last ones listed
-_listed = {}
+_listed = {}  # folder -> its files as of `_listing`, and what tells that it changed
 
 
 @dataclass(frozen=True)
@@ -73,15 +72,6 @@ class LevelOneFile:
     def where(self) -> str:
         """How messages call this file."""
         return f"{self.path}:{self.member}" if self.member else str(self.path)
-
-
-@dataclass(frozen=True)
-class Listing:
-    """Files of a folder, by preference and by (product, satellite, date), and what tells that it changed."""
-
-    files: tuple
-    index: dict
-    stamps: dict
 
 
 def is_archive(path) -> bool:
@@ -174,7 +164,7 @@ def inventory(folder) -> list[LevelOneFile]:
 
     Newest release first, loose before archived, binary before text.
     """
-    return list(_listing(folder).files)
+    return [file for own in _listing(folder).values() for file in own]
 
 
 def state_of(folder) -> str | None:
@@ -190,16 +180,16 @@ def state_of(folder) -> str | None:
 
 def holds(folder, product, satellite, date) -> bool:
     """True if a folder has a Level-1 file of exactly this product, satellite letter and day."""
-    return (product, satellite, str(date)) in _listing(folder).index
+    return (product, satellite, str(date)) in _listing(folder)
 
 
 def _listing(folder):
-    """Files of a folder; listed again when one of its folders or archives changed."""
+    """Files of a folder by (product, satellite, date), by preference; again when a folder or archive in it changed."""
     folder = Path(folder)
-    known = _listed.get(folder)
-    if known and known.stamps == {path: _stamp(path) for path in known.stamps}:
+    known, stamps = _listed.pop(folder, ({}, {}))
+    if stamps and stamps == {path: _stamp(path) for path in stamps}:
+        _listed[folder] = known, stamps
         return known
-    _listed.pop(folder, None)
     if not folder.exists():
         refuse(folder, "nothing there", "a folder of Level-1 files", "Check the path.")
     folders, paths = [], [] if folder.is_dir() else [folder]
@@ -208,19 +198,15 @@ def _listing(folder):
         wanted = (Path(root) / name for name in names if is_archive(name) or NAME.fullmatch(name))
         paths += [path for path in wanted if not path.name.startswith("._") and path.is_file()]
     stamps = {path: _stamp(path) for path in [*folders, *filter(is_archive, paths)] or paths}
-    files = []
+    files, index = [], {}
     for path in sorted(paths):
         names = _members(path, *stamps[path]) if is_archive(path) else (None,)
         files += [file for name in names if (file := from_name(path, name))]
-    files, index = sorted(files, key=_preference), {}
-    for file in files:
+    for file in sorted(files, key=_preference):
         index.setdefault((file.product, file.satellite, file.date), []).append(file)
-    listed = Listing(tuple(files), index, stamps)
     if max(changed for _, changed in stamps.values()) < time.time_ns() - SETTLED_NS:
-        _listed[folder] = listed
-        for old in list(_listed)[:-LISTED]:
-            del _listed[old]
-    return listed
+        _listed[folder] = index, stamps
+    return index
 
 
 def _stamp(path):
@@ -248,13 +234,13 @@ def find(folder, product, satellite=None, date=None) -> LevelOneFile:
     listing = _listing(folder)
     date, wanted = date and str(date), (satellite, TOGETHER.get(satellite))
     if satellite and date:
-        fitting = [f for letter in wanted for f in listing.index.get((product, letter, date), ())]
+        fitting = [f for letter in wanted for f in listing.get((product, letter, date), ())]
     else:
-        fitting = [f for f in listing.files if f.product == product and date in (None, f.date)]
+        fitting = [f for f in inventory(folder) if f.product == product and date in (None, f.date)]
         fitting = [f for f in fitting if satellite is None or f.satellite in wanted]
     what = " ".join(str(x) for x in (product, satellite, date) if x)
     if not fitting:
-        there = sorted({f"{f.product} {f.satellite} {f.date}" for f in listing.files if f.product == product})
+        there = sorted({" ".join(key) for key in listing if key[0] == product})
         remedy = "Add the missing file, or choose another folder, satellite or day."
         refuse(folder, there or "no file of this product", what, remedy, product=product)
     for field, remedy in (("date", "Give the date."), ("satellite", "Give the satellite.")):

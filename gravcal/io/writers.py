@@ -15,9 +15,7 @@ import yaml
 from gravcal.errors import refuse
 from gravcal.io import archive
 from gravcal.io.archive import BY
-from gravcal.io.readers import KNOWN_TIMES, TICKS, srf_names
-from gravcal.io.readers.records import BITS, FLOATS, INTEGERS, Product, mission_of
-from gravcal.io.readers.records import product as product_table
+from gravcal.io.readers import BITS, FLOATS, INTEGERS, KNOWN_TIMES, TICKS, Product, mission_of, srf_names, table_of
 
 EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
 LEVELS = {"A": "1A", "B": "1B"}
@@ -46,7 +44,7 @@ def write(observed, path, product=None, satellite=None) -> Path:
     product, satellite = product or getattr(named, "product", None), satellite or getattr(named, "satellite", None)
     if not product or not satellite:
         refuse(path, "no product or satellite in the name", "PRDID_YYYY-MM-DD_S_RR.txt", "Give product and satellite.")
-    table = product_table(product, mission_of(satellite))
+    table = table_of(product, mission_of(satellite))
     if table.repeated:
         refuse(path, f"product {product}", "one whose records are alike", "This product cannot be written.")
     values = _columns(observed, table, satellite, path)

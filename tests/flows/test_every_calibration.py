@@ -25,12 +25,11 @@ import pytest
 import gravcal
 import tasks
 from flows import campaign, cli, command, discover, engine, output
-from flows.calibration import known
+from flows.calibration import known, load
 from flows.engine import remake
 from gravcal.browse import store_index, timeline
 from gravcal.errors import GravcalError, ProductError
-from gravcal.io import archive
-from gravcal.io.readers import records
+from gravcal.io import archive, readers
 from gravcal.store import configurations, housekeeping, keys, location, product
 from tasks import stage
 
@@ -104,7 +103,7 @@ def test_a_campaign_delivers_and_a_plan_reuses_all(name, level_one):
     again = made(name, level_one)
     assert (again["made"], again["reused"]) == (0, row["made"] + row["reused"])
     (source,) = command.sources(name, None, None, None, None)
-    assert {step.action for step in command.plan(name, source, command.chosen(name, None))} == {"reuse"}
+    assert {step.action for step in engine.plan(load(name).flow, source, command.chosen(name, None))[0]} == {"reuse"}
     assert source.event == row["event"]
 
 
@@ -250,7 +249,7 @@ def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_pa
         found = {}
         for name in names:
             (source,) = command.sources(name, None, None, None, None)
-            for step in command.plan(name, source, command.chosen(name, None)):
+            for step in engine.plan(load(name).flow, source, command.chosen(name, None))[0]:
                 assert step.action == "reuse" or step.reasons
                 if step.action == "run":
                     assert step.reasons == (f"data changed: {part}",)
@@ -475,9 +474,9 @@ def test_every_unit_is_known_to_udunits():
     stated = [one.get("units") for schema in product._schemas.values() for one in (schema or {}).values()]
     units = {unit for one in stated for unit in (one if isinstance(one, tuple) else (one,)) if unit}
     assert len(units) > 30
-    names = [path.stem for path in Path(records.PRODUCTS).glob("*.toml")]
+    names = [path.stem for path in Path(readers.PRODUCTS).glob("*.toml")]
     assert len(names) > 20
-    tables = [records.product(name) for name in names]
+    tables = [readers.table_of(name) for name in names]
     units |= {column.units for one in tables for column in (*one.columns, *one.optional, *one.repeated)}
     for unit in units:
         Unit(unit)

@@ -9,7 +9,8 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from gravcal.errors import ProductError
-from gravcal.io.readers import read, records
+from gravcal.io import readers
+from gravcal.io.readers import read
 from gravcal.io.writers import write
 
 START = 738849600
@@ -58,15 +59,15 @@ def test_bytes_depend_on_the_content_alone_and_headers_are_yaml(tmp_path, accele
     assert attributes["platform"] == "GRACE C"
     assert attributes["time_coverage_start"].isoformat().startswith("2023-06-01T00:00:00")
     names = [next(iter(v)) for v in header["variables"]]
-    table = records.product("ACC1A")
+    table = readers.table_of("ACC1A")
     assert names == [c.name for c in (*table.columns, *table.optional)] + ["statusflag"]
     assert "simulation" in attributes["source"]
 
 
-@pytest.mark.parametrize("name", [n for n in records.names() if not records.product(n).repeated])
+@pytest.mark.parametrize("name", [n for n in readers.names() if not readers.table_of(n).repeated])
 def test_every_table_writes_and_reads(tmp_path, name):
     """Analytic: two records of every product, samples of it seen or not, all optional columns present."""
-    table = records.product(name)
+    table = readers.table_of(name)
     satellite = "C" if table.id_name else "Y"
     columns = {}
     for column in (*table.columns, *table.optional):

@@ -1,22 +1,590 @@
 """Level-1 files as xarray Datasets: one table per product, native values and tags, accelerometer axes moved to SRF.
 
+Headers are the YAML one of GRACE-FO RL04 and the 80-column one of GRACE and the constants. Binary records are numpy
+structures, big endian and packed. ASCII ones polars reads at once where all are alike; what varies is sorted by layout.
 What is doubtful keeps its value and gets a bit in ``flag``.
 """
 
 import re
+import tomllib
+from dataclasses import dataclass, field, fields, replace
+from functools import cache
 from pathlib import Path
 
 import numpy as np
+import polars
 import xarray as xr
+import yaml
 
 from gravcal.errors import refuse
 from gravcal.io import archive
 from gravcal.io.archive import LevelOneFile, find, inventory
-from gravcal.io.readers import records
-from gravcal.io.readers.records import BITS, FLOATS, INTEGERS, Product, mission_of, reordered
-from gravcal.io.readers.records import product as product_table
 
 __all__ = ["LevelOneFile", "find", "inventory", "read"]
+PRODUCTS = Path(__file__).with_name("products")
+SI_UNITS = tomllib.loads(Path(__file__).with_name("units.toml").read_text(encoding="utf-8"))
+BITS = {"b8": "u1", "b16": "u2", "b32": "u4"}
+INTEGERS = ("i1", "i4", "u1", "u2", "u4")
+FLOATS = ("f4", "f8")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One column: ``kind`` is a number (i1 i4 u1 u2 u4 f4 f8), c(haracter), b8 b16 b32 (bits) or text (to the end)."""
+
+    name: str
+    kind: str
+    unit: str = ""
+    frame: str = ""
+    meaning: str = ""
+    range: tuple = ()
+    bit: int | None = None
+    gap: int = 1
+    file: str = ""
+    header_unit: str = ""
+    default: float | str | None = None
+
+    @property
+    def file_name(self) -> str:
+        """Name in the header of a file."""
+        return self.file or self.name
+
+    @property
+    def units(self) -> str:
+        """Unit in SI spelling."""
+        return SI_UNITS.get(self.unit, self.unit)
+
+
+@dataclass(frozen=True)
+class Product:
+    """The table of one product for one mission (``"GRACE"`` or ``"GRACE-FO"``)."""
+
+    name: str
+    mission: str
+    title: str
+    columns: tuple[Column, ...]
+    time: tuple[str, ...]
+    time_scale: str
+    summary: str = ""
+    source: str = ""
+    instrument: str = ""
+    header: str = "yaml"
+    file_type: str = ""
+    sampled: bool = True
+    constant: bool = False
+    keys: tuple[str, ...] = ()
+    quaternion: tuple[str, ...] = ()
+    to_srf: tuple[tuple[str, ...], ...] = ()
+    optional: tuple[Column, ...] = ()
+    repeated: tuple[Column, ...] = ()
+    header_only: tuple[str, ...] = ()
+    swapped_in_header: tuple[str, ...] = ()
+    swapped_in_binary: tuple[str, ...] = ()
+    current_b_sign: int = 0
+    receiver_time: tuple[str, ...] = ()
+    flags: dict | None = None
+    values: dict | None = None
+
+    @property
+    def id_name(self) -> str:
+        """Column that names the satellite, empty for combined products."""
+        return next((c.name for c in self.columns if c.name in ("GRACEFO_id", "GRACE_id")), "")
+
+    @property
+    def layout_key(self) -> str:
+        """Column that decides which values follow, empty where all records are alike."""
+        return "prod_flag" if self.optional else "n_prns" if self.repeated else ""
+
+    @property
+    def is_text(self) -> bool:
+        """True if the last column runs to the end of the record."""
+        return self.columns[-1].kind == "text"
+
+    def column(self, name: str) -> Column:
+        """The column of that name."""
+        return next(c for c in (*self.columns, *self.optional, *self.repeated) if c.name == name)
+
+    def following(self, key: int) -> tuple[Column, ...]:
+        """Columns after the fixed ones where the layout key has this value."""
+        if self.repeated:
+            return self.repeated * key
+        return tuple(c for c in self.optional if key >> c.bit & 1)
+
+    def undefined_bits(self, key: int) -> list[int]:
+        """Bits of a product flag that stand for no column of this table."""
+        known = {c.bit for c in self.optional}
+        return [bit for bit in range(32) if self.optional and key >> bit & 1 and bit not in known]
+
+
+@cache
+def names() -> tuple[str, ...]:
+    """All products that have a table."""
+    return tuple(sorted(path.stem for path in PRODUCTS.glob("*.toml")))
+
+
+@cache
+def table_of(name: str, mission: str = "GRACE-FO") -> Product:
+    """Table of a product ("ACC1A") for a mission: "GRACE" (satellites A, B, X) or "GRACE-FO" (C, D, Y)."""
+    if name not in names():
+        refuse(name, "no table for this product", f"one of {', '.join(names())}", "Check the product name.")
+    table = _loaded(name)
+    grace = table.pop("grace", {})
+    if mission == "GRACE":
+        table = _for_grace(table, grace)
+    known = {f.name for f in fields(Product)}
+    kinds = ("columns", "optional", "repeated")
+    columns = {k: tuple(Column(**c | {"range": tuple(c.get("range", ()))}) for c in table.get(k, ())) for k in kinds}
+    rest = {k: _frozen(v) for k, v in table.items() if k in known and k not in columns}
+    return Product(name=name, mission=mission, **rest, **columns)
+
+
+def _loaded(name):
+    table = tomllib.loads((PRODUCTS / f"{name}.toml").read_text(encoding="utf-8"))
+    if "like" in table:
+        table = {**_loaded(table["like"]), **table}
+    return table
+
+
+def _for_grace(table, grace):
+    changed = {**table, **{k: v for k, v in grace.items() if k not in ("flags", "ranges", "units")}}
+    changed["flags"] = {**table.get("flags", {}), **grace.get("flags", {})}
+    for key in ("columns", "optional", "repeated"):
+        changed[key] = [dict(column) for column in changed.get(key, [])]
+        for column in changed[key]:
+            if column["name"] == "GRACEFO_id":
+                column |= {"name": "GRACE_id", "meaning": "GRACE satellite identifier", "range": ["A", "B"]}
+            for given, what in (("ranges", "range"), ("units", "unit")):
+                if column["name"] in grace.get(given, {}):
+                    column[what] = grace[given][column["name"]]
+    if "optional_of" in grace:
+        other = _loaded(grace["optional_of"])
+        changed["optional"] = other["optional"] + other["grace"]["extra_optional"]
+    changed["optional"] = sorted(changed["optional"] + grace.get("extra_optional", []), key=lambda c: c["bit"])
+    changed["swapped_in_binary"] = [
+        "GRACE_id" if n == "GRACEFO_id" else n for n in changed.get("swapped_in_binary", [])
+    ]
+    changed["title"] = table["title"].replace("GRACE-FO", "GRACE")
+    return changed
+
+
+def _frozen(value):
+    return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
+
+
+def mission_of(satellite: str) -> str:
+    """Mission a satellite letter belongs to."""
+    return "GRACE" if satellite in tuple("ABX") else "GRACE-FO"
+
+
+def reordered(table: Product, swapped: tuple[str, ...]) -> Product:
+    """The same table with two columns exchanged."""
+    if not swapped:
+        return table
+    other = dict(zip(swapped, reversed(swapped), strict=True))
+    return replace(table, columns=tuple(table.column(other.get(c.name, c.name)) for c in table.columns))
+
+
+YAML_END = b"# End of YAML header\n"
+LABEL_END = re.compile(rb"END OF HEADER *\r?\n")
+HEADER_LIMIT = 8_000_000  # bytes in which the end of a header has to come
+DEEPEST = 20  # levels; headers have five
+KEPT = ("title", "summary", "source", "institution", "processing_level", "product_version", "software_version")
+NOT_A_NUMBER = re.compile(r"[+-]?nan(\(.*\))?", re.IGNORECASE)
+TRUNCATED = "The file is cut: fetch it again."
+DAMAGED = "The file is damaged or of another layout: fetch it again, or correct the line."
+
+
+@dataclass(frozen=True)
+class Header:
+    """What the header of a file says; ``names`` are its columns in order, empty where it lists none."""
+
+    binary: bool
+    size: int
+    lines: int
+    satellite: str = ""
+    declared: int | None = None
+    names: tuple[str, ...] = ()
+    product: str = ""
+    notes: dict = field(default_factory=dict)
+
+
+def parse_header(data: bytes, where) -> Header:
+    """Header at the start of a Level-1 file; ProductError where it has no end or cannot be understood."""
+    if not data.startswith(b"header:"):
+        return _label_header(data, where)
+    end = data.find(YAML_END, 0, HEADER_LIMIT)
+    if end < 0:
+        refuse(where, "no end of the YAML header", repr(YAML_END.decode().strip()), "The file is cut or foreign.")
+    size = end + len(YAML_END)
+    tree = _yaml(data[:end], where)
+    try:
+        loose = {**(tree.get("global_attributes") or {}), **(tree.get("non-standard_attributes") or {})}
+        names = tuple(v if isinstance(v, str) else str(next(iter(v))) for v in tree.get("variables") or ())
+        declared = (tree.get("dimensions") or {}).get("num_records")
+        declared = None if declared is None else int(declared)
+    except (KeyError, TypeError, ValueError, AttributeError) as reason:
+        refuse(where, f"a header without {reason}", "attributes and variables as YAML", "The file is damaged.")
+    notes = {k: str(loose[k]) for k in KEPT if k in loose and not isinstance(loose[k], (dict, list))}
+    satellite = _letter(str(loose.get("platform", "")))
+    return Header(False, size, data.count(b"\n", 0, size), satellite, declared, names, "", notes)
+
+
+def _yaml(text, where):
+    loader, depth = getattr(yaml, "CSafeLoader", yaml.SafeLoader), 0
+    try:
+        for event in yaml.parse(text, loader):  # the loader below recurses, and crashes where it goes too deep
+            depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+            if depth > DEEPEST or isinstance(event, yaml.AliasEvent):
+                refuse(where, "a header nested too deep, or with aliases", "attributes as YAML", "The file is damaged.")
+        return yaml.load(text.decode("utf-8"), loader)["header"]  # noqa: S506 - both loaders are safe ones
+    except UnicodeDecodeError as reason:
+        line = text.count(b"\n", 0, reason.start) + 1
+        return refuse(f"{where}, line {line}", "bytes that are not UTF-8", "a text header", "The file is damaged.")
+    except (yaml.YAMLError, KeyError, TypeError, ValueError) as reason:
+        return refuse(where, f"a header that is not YAML ({reason})", "a YAML header", "The file is damaged.")
+
+
+def _label_header(data, where):
+    end = LABEL_END.search(data, 0, HEADER_LIMIT)
+    if not end:
+        expected, remedy = "a YAML or an 80-column header", "This is no Level-1 file, or a cut one."
+        refuse(where, f"a start of {data[:20]!r}", expected, remedy)
+    labels = {}
+    for line in data[: end.start()].decode("latin-1").splitlines():
+        label, _, value = line.partition(":")
+        labels.setdefault(label.strip(), value.strip())
+    declared = labels.get("NUMBER OF DATA RECORDS", "")
+    binary = labels.get("FILE FORMAT 0=BINARY 1=ASCII") == "0"
+    institution = "/".join(filter(None, (labels.get(f"PRODUCER {part}") for part in ("AGENCY", "INSTITUTION"))))
+    notes = {"software_version": labels.get("SOFTWARE VERSION", ""), "institution": institution}
+    lines, satellite = data.count(b"\n", 0, end.end()), _letter(labels.get("SATELLITE NAME", ""))
+    declared = int(declared) if re.fullmatch("[0-9]{1,18}", declared) else None
+    product, notes = labels.get("FILENAME", "").rpartition("/")[2][:5], {k: v for k, v in notes.items() if v}
+    return Header(binary, end.end(), lines, satellite, declared, product=product, notes=notes)
+
+
+def _letter(platform):
+    match = re.fullmatch(r"GRACE ([A-D])(\+[A-D])?", platform.strip())
+    if not match:
+        return ""
+    return {"A": "X", "C": "Y"}.get(match[1], "") if match[2] else match[1]
+
+
+class Malformed(Exception):
+    """A token that is not of its column's kind: row (from 0), column, token and what was expected."""
+
+    def __init__(self, row, column, found, expected):
+        super().__init__(f"row {row}, column {column.name}: {found!r} is not {expected}")
+        self.row, self.column, self.found, self.expected = row, column, found, expected
+
+
+def decode(series, column: Column) -> np.ndarray:
+    """Array (n,) of a column: int64, float64, S1 characters, unsigned bits, or text; its polars series has no nulls."""
+    if column.kind in BITS or column.kind == "c":
+        return _by_distinct(series, column)
+    if column.kind == "text":
+        return np.array(series.to_list(), dtype=str)
+    wanted = polars.Float64 if column.kind in FLOATS else polars.Int64
+    numbers = series if series.dtype == wanted else series.cast(wanted, strict=False)
+    for row in numbers.is_null().arg_true():
+        token = str(series[row])
+        if column.kind not in FLOATS or not NOT_A_NUMBER.fullmatch(token):
+            raise Malformed(row, column, token, "a number" if column.kind in FLOATS else "a whole number")
+    return numbers.fill_null(float("nan")).to_numpy() if column.kind in FLOATS else numbers.to_numpy()
+
+
+def _empty(table, n):
+    """Arrays of so many records of fixed and optional columns, to be filled; absent values NaN."""
+    arrays = {c.name: np.zeros(n, dtype_of(c)) for c in table.columns}
+    return arrays | {c.name: np.zeros(n, "S1") if c.kind == "c" else np.full(n, np.nan) for c in table.optional}
+
+
+def dtype_of(column: Column) -> np.dtype:
+    """Type of the array that stands for a column that every record has."""
+    if column.kind in INTEGERS:
+        return np.dtype("i8")
+    if column.kind in FLOATS:
+        return np.dtype("f8")
+    return np.dtype({"c": "S1", "text": "U1"}.get(column.kind) or BITS[column.kind])
+
+
+def bits_value(token: str, column: Column, row: int = 0) -> int:
+    """Number that a string of 0 and 1 stands for, bit 0 rightmost."""
+    width = int(column.kind[1:])
+    if len(token) != width or set(token) - {"0", "1"}:
+        raise Malformed(row, column, token, f"{width} characters 0 or 1")
+    return int(token, 2)
+
+
+def _by_distinct(series, column):
+    """Bits or characters, each distinct token converted once: such columns hold a few values in a million rows."""
+
+    def convert(token, row):
+        if column.kind in BITS:
+            return bits_value(token, column, row)
+        if len(token) != 1 or not token.isascii():
+            raise Malformed(row, column, token, "one character")
+        return token.encode()
+
+    if not len(series):
+        return np.empty(0, dtype_of(column))
+    if (series == series[0]).all():
+        return np.full(len(series), np.array(convert(series[0], 0), dtype_of(column)))
+    tokens = series.unique(maintain_order=True)
+    first = [series.index_of(token) for token in tokens]
+    values = np.array([convert(t, row) for t, row in zip(tokens, first, strict=True)], dtype_of(column))
+    places = series.replace_strict(tokens, list(range(len(tokens))), return_dtype=polars.Int64)
+    return values[places.to_numpy()]
+
+
+def parse_binary(data: bytes, start: int, table: Product, where) -> dict[str, np.ndarray]:
+    """Arrays (n,) of all columns of a binary file by name, from byte ``start`` on; absent values NaN."""
+    table = reordered(table, table.swapped_in_binary)
+    body = memoryview(data)[start:]
+    if table.is_text:
+        return _with_text(body, table, where)
+    if table.layout_key:
+        return _by_flag(body, table, where)
+    record = structure(table.columns)
+    whole, rest = divmod(len(body), record.itemsize)
+    if rest:
+        _refuse_cut(where, whole, rest, record.itemsize)
+    records = np.frombuffer(body, record, whole)
+    return {c.name: _native(records[c.name], c) for c in table.columns}
+
+
+def structure(columns) -> np.dtype:
+    """Packed big-endian record of these columns."""
+    codes = {"c": "S1", "text": "S0", **BITS}
+    return np.dtype([(c.name, ">" + codes.get(c.kind, c.kind)) for c in columns])
+
+
+def _by_flag(body, table, where):
+    """Records of several lengths: find where each starts, then read those alike together."""
+    starts, flags = _starts(body, table, where)
+    arrays, raw = _empty(table, len(starts)), np.frombuffer(body, np.uint8)
+    for flag in np.unique(flags):
+        columns = (*table.columns, *table.following(int(flag)))
+        record = structure(columns)
+        rows = np.flatnonzero(flags == flag)
+        packed = raw[starts[rows][:, None] + np.arange(record.itemsize)]
+        records = np.ascontiguousarray(packed).view(record)[:, 0]
+        for column in columns:
+            arrays[column.name][rows] = _native(records[column.name], column)
+    return arrays
+
+
+def _starts(body, table, where):
+    fixed = structure(table.columns)
+    offset = fixed.fields["prod_flag"][1]
+    width = fixed.fields["prod_flag"][0].itemsize
+    position, starts, flags, sizes = 0, [], [], {}
+    while position < len(body):
+        flag = int.from_bytes(body[position + offset : position + offset + width], "big")
+        if flag not in sizes:
+            if unknown := table.undefined_bits(flag):
+                here = f"{where}, record {len(starts) + 1}"
+                refuse(here, f"bits {unknown} of prod_flag set", "bits the product table defines", TRUNCATED)
+            sizes[flag] = structure((*table.columns, *table.following(flag))).itemsize
+        if position + sizes[flag] > len(body):
+            _refuse_cut(where, len(starts), len(body) - position, sizes[flag])
+        starts.append(position)
+        flags.append(flag)
+        position += sizes[flag]
+    return np.array(starts, int), np.array(flags, int)
+
+
+def _with_text(body, table, where):
+    """Records that end in a text closed by a zero byte."""
+    fixed = structure(table.columns[:-1])
+    data = bytes(body)
+    position, heads, texts = 0, [], []
+    while position < len(data):
+        end = data.find(b"\0", position + fixed.itemsize)
+        if end < 0:
+            _refuse_cut(where, len(heads), len(data) - position, fixed.itemsize + 1)
+        heads.append(data[position : position + fixed.itemsize])
+        texts.append(data[position + fixed.itemsize : end].decode(errors="backslashreplace"))
+        position = end + 1
+    records = np.frombuffer(b"".join(heads), fixed)
+    arrays = {c.name: _native(records[c.name], c) for c in table.columns[:-1]}
+    return arrays | {table.columns[-1].name: np.array(texts, dtype=str)}
+
+
+def _native(values, column):
+    if column.name == "tank_id":  # written as a digit
+        values = values - ord("0")
+    return values.astype(dtype_of(column))
+
+
+def _refuse_cut(where, whole, rest, size):
+    found = f"{rest} bytes after record {whole}"
+    refuse(f"{where}, record {whole + 1}", found, f"{size} bytes", TRUNCATED, record=whole + 1, bytes=rest)
+
+
+def parse_text(data: bytes, start: int, header_lines: int, table: Product, where) -> dict[str, np.ndarray]:
+    """Arrays of all columns of an ASCII file by name: (n,), repeated columns (n, slots), absent values NaN.
+
+    "undecodable" (n,) bool says where bytes of a text column are not UTF-8. The header has ``start`` bytes.
+    """
+    if start == len(data):
+        return _empty(table, 0) | {c.name: np.empty((0, 0)) for c in table.repeated}
+    if not data.endswith(b"\n"):
+        line = data.count(b"\n") + 1
+        refuse(f"{where}, line {line}", "a last line cut short", "a line end", "Fetch the file again.", line=line)
+    try:
+        if table.is_text:
+            return _sorted_by_layout(data[start:], table, where, header_lines)
+        arrays = _at_once(data, start, header_lines, table)
+        if arrays is None:  # with blanks between columns made single
+            body = re.sub(rb"[ \t\r]+", b" ", data[start:].rstrip(b" \t\r\n") + b"\n")
+            body = body.replace(b" \n", b"\n").replace(b"\n ", b"\n").lstrip(b" ")
+            arrays = _at_once(body, 0, 0, table) or _sorted_by_layout(body, table, where, header_lines)
+        return arrays
+    except Malformed as bad:
+        line = header_lines + bad.row + 1
+        place = f"{where}, line {line}, column {bad.column.file_name}"
+        return refuse(place, repr(bad.found), bad.expected, DAMAGED, line=line, column=bad.column.file_name)
+
+
+def _at_once(data, start, header_lines, table):
+    """All columns in one go where every record is laid out as the first one is; None where one is not."""
+    pieces = data[start : data.index(b"\n", start)].decode("utf-8", "replace").split(" ")
+    columns = _layout(table, [piece for piece in pieces if piece])
+    if columns is None or table.repeated:
+        return None
+    names = iter(columns)
+    schema = {f"{i}": _polars_type(next(names)) if piece else polars.Boolean for i, piece in enumerate(pieces)}
+    try:
+        frame = polars.read_csv(
+            data, separator=" ", has_header=False, skip_lines=header_lines, schema=schema, quote_char=None
+        )
+    except polars.exceptions.PolarsError:
+        return None
+    filled = {f"{i}": bool(piece) for i, piece in enumerate(pieces)}
+    if any(frame[i].null_count() != (0 if there else len(frame)) for i, there in filled.items()):
+        return None
+    series = dict(zip((c.name for c in columns), (frame[i] for i, there in filled.items() if there), strict=True))
+    if table.optional and not (series["prod_flag"] == series["prod_flag"][0]).all():
+        return None
+    arrays = {c.name: decode(series[c.name], c) for c in columns}
+    floats = {c.name: arrays[c.name].astype(float) for c in table.optional if c.name in arrays and c.kind != "c"}
+    return arrays | floats  # which know NaN; characters stay
+
+
+def _polars_type(column):
+    return polars.Int64 if column.kind in INTEGERS else polars.Float64 if column.kind in FLOATS else polars.String
+
+
+def _layout(table, tokens):
+    """Columns of a record with these tokens, None where they fit no layout."""
+    key, names = 0, [c.name for c in table.columns]
+    if table.layout_key:
+        place = names.index(table.layout_key)
+        try:
+            key = _key_value(table, tokens[place])
+        except (IndexError, Malformed):
+            return None
+    if table.undefined_bits(key):
+        return None
+    columns = (*table.columns, *table.following(key))
+    return columns if len(columns) == len(tokens) else None
+
+
+def _key_value(table, token, row=0):
+    column = table.column(table.layout_key)
+    if column.kind.startswith("b"):
+        return bits_value(token, column, row)
+    if not token.isdigit():
+        raise Malformed(row, column, token, "a whole number")
+    return int(token)
+
+
+def _sorted_by_layout(body, table, where, header_lines):
+    """Records of several layouts, with any blanks between columns: each layout is read by itself."""
+    lines, undecodable = _lines(body, table, where, header_lines)
+    text = polars.Series("line", lines, dtype=polars.String)
+    counts = text.str.count_matches(" ", literal=True).to_numpy() + 1
+    arrays = _empty(table, len(lines))
+    if table.repeated:
+        slots = max((int(counts.max()) - len(table.columns)) // len(table.repeated), 0)
+        arrays |= {c.name: np.full((len(lines), slots), np.nan) for c in table.repeated}
+    for key, rows in _groups(text, table):
+        columns = (*table.columns, *table.following(key))
+        if unknown := table.undefined_bits(key):
+            line = header_lines + int(rows[0]) + 1
+            wrong = f"bits {unknown} of prod_flag set"
+            refuse(f"{where}, line {line}", wrong, "bits the product table defines", DAMAGED, line=line)
+        if not table.is_text and (counts[rows] != len(columns)).any():
+            row = rows[np.argmax(counts[rows] != len(columns))]
+            line, count = header_lines + int(row) + 1, int(counts[row])
+            refuse(f"{where}, line {line}", f"{count} columns", f"{len(columns)}", DAMAGED, line=line, columns=count)
+        series = _text_columns(text, table) if table.is_text else _columns(text, rows, columns)
+        for place, column in enumerate(columns):
+            try:
+                values = decode(series[place], column)
+            except Malformed as bad:
+                raise Malformed(int(rows[bad.row]), column, bad.found, bad.expected) from None
+            if column.kind == "text":
+                arrays[column.name] = values
+            elif column in table.repeated:
+                arrays[column.name][rows, (place - len(table.columns)) // len(table.repeated)] = values
+            else:
+                arrays[column.name][rows] = values
+    arrays["undecodable"] = undecodable
+    return arrays
+
+
+def _columns(text, rows, columns):
+    """Columns of lines that all have as many tokens: numbers if they are, else their texts."""
+    lines = text if len(rows) == len(text) else text.gather(rows)
+    data = "\n".join(lines.to_list()).encode() + b"\n"
+    for types in (map(_polars_type, columns), (polars.String for _ in columns)):
+        schema = {str(i): kind for i, kind in enumerate(types)}
+        try:
+            frame = polars.read_csv(data, separator=" ", has_header=False, schema=schema, quote_char=None)
+        except polars.exceptions.PolarsError:
+            continue
+        if not any(frame.null_count().row(0)):
+            break
+    return frame.get_columns()
+
+
+def _lines(body, table, where, header_lines):
+    """Lines of the file, and which of them are not UTF-8."""
+    body = body.rstrip(b" \t\r\n")
+    try:
+        lines = body.decode().split("\n")
+        return lines, np.zeros(len(lines), bool)
+    except UnicodeDecodeError:
+        lines = [line.decode(errors="backslashreplace") for line in body.split(b"\n")]
+        undecodable = np.array([text.encode() != line for text, line in zip(lines, body.split(b"\n"), strict=True)])
+    if not table.is_text:
+        line = header_lines + int(np.argmax(undecodable)) + 1
+        refuse(f"{where}, line {line}", "bytes that are not UTF-8", "numbers and flags", DAMAGED, line=line)
+    return lines, undecodable
+
+
+def _text_columns(text, table):
+    """Leading columns, then the rest of the record as it stands."""
+    leading = len(table.columns) - 1
+    pattern = r"^\s*" + r"\s+".join([r"(\S+)"] * leading) + r"(?:\s(.*?))?\r?$"
+    found = text.str.extract_groups(pattern).struct.unnest()
+    missing = found[:, 0].is_null().arg_true()
+    if len(missing):
+        raise Malformed(int(missing[0]), table.columns[0], text[int(missing[0])], f"{leading} columns and a text")
+    return found.fill_null("").get_columns()
+
+
+def _groups(text, table):
+    if not table.layout_key:
+        return [(0, np.arange(len(text)))]
+    place = [c.name for c in table.columns].index(table.layout_key)
+    keys = text.str.extract(rf"^(?:\S+ ){{{place}}}(\S+)").fill_null("")
+    groups = [(token, (keys == token).arg_true().to_numpy()) for token in keys.unique(maintain_order=True)]
+    return [(_key_value(table, token, int(rows[0])) if token else 0, rows) for token, rows in groups]
+
+
 TICKS = {"s": 1_000_000_000, "us": 1_000, "ns": 1}
 NOT_FINITE = 1
 NOT_UNIT = 2
@@ -79,17 +647,17 @@ def read(source, product=None, *, expect_satellite=None, expect_date=None) -> xr
         else:
             file = archive.from_name(path) or archive.LevelOneFile(path, None, "", "", "", "")
     data = archive.content(file)
-    header = records.parse_header(data, file.where)
+    header = parse_header(data, file.where)
     satellite = file.satellite or header.satellite
     product = product or file.product or header.product
     if not product:
         refuse(file.where, "no product in the name or header", "one", "Give the product.")
-    table = product_table(product, mission_of(satellite))
+    table = table_of(product, mission_of(satellite))
     _check_columns(header, table, file.where)
     if header.binary:
-        arrays = records.parse_binary(data, header.size, table, file.where)
+        arrays = parse_binary(data, header.size, table, file.where)
     else:
-        arrays = records.parse_text(data, header.size, header.lines, table, file.where)
+        arrays = parse_text(data, header.size, header.lines, table, file.where)
     seconds, ticks = _tags(arrays, table, file.where)
     _check_identity(file, header, table, arrays, (expect_satellite, expect_date))
     flag = flags(arrays, ticks, table, satellite)
