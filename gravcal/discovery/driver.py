@@ -111,7 +111,10 @@ def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits
     if observed is None:
         return found
     left = np.column_stack([found["residual_after"].values, found["found_columns"].values])
-    rows = detection_limits(observed, _parted(observed, left), _choice(observed, limits), say)
+    if observed.interleaved:  # rows of a product, as they are in each block
+        left = left[np.argsort(_order(observed.blocks)[2])]
+    left = np.split(left, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
+    rows = detection_limits(observed, left, _choice(observed, limits), say)
     numbers = json.dumps(json.loads(found.attrs["numbers"]) | {"limits": rows}, allow_nan=False, sort_keys=True)
     return found.assign_attrs(numbers=numbers)
 
@@ -143,7 +146,8 @@ def _searched(observed, limits, model, before=None):
             one["bias_in_error"] = (observed.scale * averaged.unseen[one["cause"]][:count]).tolist()
     for position, finding in enumerate(numbers["findings"]):
         _described(finding, result, position, observed, waves)
-    numbers = _without_epochs(numbers) | _weighed(observed, numbers["findings"])
+    _without_epochs(numbers)
+    numbers |= _weighed(observed, numbers["findings"])
     change = numbers["calibration_change"]
     change |= {} if observed.epoch is None else {"epoch": observed.epoch}
     numbers["expected"] = {name: list(known) for name, known in observed.expected.items()}
@@ -208,7 +212,7 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     return result, {one.form for one in found}
 
 
-def _fitted(result: Result, position: int) -> Fitted:
+def _fitted(result, position):
     """A finding in the form that was named, as the calibration is asked about it."""
     one = result.findings[position]
     candidate = result.problem.candidates[one.index]
@@ -220,12 +224,19 @@ def _described(finding: dict, result: Result, position: int, observed, waves):
     one: Finding = result.findings[position]
     fitted = _fitted(result, position)
     if one.cause == EXCESS:  # which no model takes out
-        finding |= {"parameters": _shaped(fitted.candidate.shape), "model": {}}
+        shape = fitted.candidate.shape
+        values = shape.names, shape.value.tolist(), np.sqrt(np.diag(shape.covariance)).tolist(), shape.units
+        rows = {n: {"value": v, "sigma": s or None, "unit": u} for n, v, s, u in zip(*values, strict=True)}
+        finding |= {"parameters": rows, "model": {}}
         return
     if one.form in waves:
         words = one.form.partition(",")[0].split()  # "<channel> reading <axis>"
-        name = words[2] if len(words) > 2 else "amplitude"
-        finding["parameters"] = _amplitude(finding["parameters"], name)
+        frequency = finding["parameters"]["frequency"]
+        known = one.value[np.isfinite(one.value)], one.sigma[np.isfinite(one.value)]
+        size = float(np.sqrt(max(2 * np.mean(known[0] ** 2 - known[1] ** 2), 0.0)))  # less what noise adds
+        sigma = float(np.sqrt(np.mean(known[1] ** 2) / max(known[0].size / 2, 1)))
+        amplitude = {"value": size, "sigma": sigma, "unit": one.units[0]}
+        finding["parameters"] = {"frequency": frequency, words[2] if len(words) > 2 else "amplitude": amplitude}
     elif not np.isfinite(one.value).any():
         finding["parameters"] = named_parameters(result, position)
     spacing = observed.spacing(epoch_of(one.cause)) if "@" in one.cause else None
@@ -243,12 +254,6 @@ def _described(finding: dict, result: Result, position: int, observed, waves):
                 finding[name] = [_plain(each) for each in getattr(entry, name)]
     if not observed.whole_manoeuvres:
         finding["heldout"] = "blocks"
-
-
-def _shaped(shape):
-    """Values of a shape with their errors, where they have some."""
-    rows = zip(shape.names, shape.value.tolist(), np.sqrt(np.diag(shape.covariance)).tolist(), shape.units, strict=True)
-    return {name: {"value": value, "sigma": sigma or None, "unit": unit} for name, value, sigma, unit in rows}
 
 
 def _plain(record):
@@ -271,8 +276,8 @@ def _epoch(result, position, width):
     return {"value": mean, "sigma": spread, "unit": "s"}
 
 
-def _without_epochs(numbers: dict) -> dict:
-    """Numbers with the slugs of the catalogue; a cause is not tied with itself at another epoch."""
+def _without_epochs(numbers: dict) -> None:
+    """Give causes the slugs of the catalogue, in place; a cause is not tied with itself at another epoch."""
     for one in numbers["findings"]:
         one["cause"] = slug_of(one["cause"])
         one["tied_with"] = [n for n in dict.fromkeys(map(slug_of, one["tied_with"])) if n != one["cause"]]
@@ -281,7 +286,7 @@ def _without_epochs(numbers: dict) -> dict:
     rows: dict[str, dict] = {}
     for row in numbers["tried"]:
         rows.setdefault(slug_of(row["cause"]), row | {"cause": slug_of(row["cause"])})
-    return numbers | {"tried": list(rows.values())}
+    numbers["tried"] = list(rows.values())
 
 
 def _beside(problem: Problem, observed: Observations, count: int) -> list[dict]:
@@ -328,13 +333,6 @@ def _order(blocks: list[Block]) -> tuple[list[str], np.ndarray, np.ndarray]:
     return records, number, np.lexsort([time, axis, number])
 
 
-def _parted(observed, values):
-    """Values (n, q) of the rows of a product as they are in each block."""
-    if observed.interleaved:
-        values = values[np.argsort(_order(observed.blocks)[2])]
-    return np.split(values, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
-
-
 def _joined(result: Result, given: Sequence) -> tuple[Result, list]:
     """Result with the stretches of each record as one block, for the product, and what is given by block likewise."""
     parts = result.problem.blocks
@@ -369,25 +367,17 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
         return []
     joint = np.flatnonzero((found.place == search.axis) & offered(found, choice.periods))
     at, score = found.at[joint], (found.gain[:, 0] - 2 * found.dof)[joint]
-    step, kept = float(np.median(np.diff(at))), []
-    for peak in _peaks(at, score, step):
+    step, peaks, kept = float(np.median(np.diff(at))), [], []
+    for k in np.argsort(-score):  # the best, apart from each other by more than a few steps
+        if len(peaks) < PEAKS and all(abs(at[k] - other) > 4 * step for other in peaks):
+            peaks.append(float(at[k]))
+    for peak in peaks:
         grid = peak + step * FINE
         gains = [_gain(result, shape(one)[0]) for one in grid]
         chance = chi2_tail.log_tail(*max(gains)) + np.log(at.size / SHARES["line"])
         if chance < np.log(choice.level):
             kept.append(_line(grid, np.array([g for g, _ in gains]), shape, search))
     return kept
-
-
-def _peaks(at, score, step):
-    """Frequencies of the best scores, apart from each other by more than a few steps."""
-    found = []
-    for k in np.argsort(-score):
-        if all(abs(at[k] - other) > 4 * step for other in found):
-            found.append(float(at[k]))
-        if len(found) == PEAKS:
-            break
-    return found
 
 
 def _gain(result, columns):
@@ -410,13 +400,3 @@ def _line(grid, gains, shape, search):
     form = f"{search.channel} reading{f' {AXES[search.axis]}' if search.axis >= 0 else ''}, {at:.5f} Hz"
     units, columns = [search.unit] * len(names), [c[:, used] for c in columns]
     return Candidate(search.cause, form, names, units, columns, at=at, at_sigma=sigma, apart=True)
-
-
-def _amplitude(parameters, name):
-    """Frequency of a line, and its amplitude by this name, rms over the manoeuvres less what noise adds."""
-    waves = [p for n, p in parameters.items() if n != "frequency"]
-    known = [p for p in waves if np.isfinite(p["value"])]
-    squares, errors = (np.array([p[n] for p in known]) ** 2 for n in ("value", "sigma"))
-    size = float(np.sqrt(max(2 * np.mean(squares - errors), 0.0)))
-    sigma = float(np.sqrt(np.mean(errors) / max(len(known) / 2, 1)))
-    return {"frequency": parameters["frequency"], name: {"value": size, "sigma": sigma, "unit": waves[0]["unit"]}}

@@ -176,16 +176,25 @@ class Search:
 
     def judged(self, laws: Sequence[Law], beside: Sequence[Law]) -> list[tuple]:
         """(gain, independent parameters, score, likeliest size over its prior, law) of laws of one cause."""
-        beside = self.beside(beside, laws[0].cause)
-        frame, found = self._frame(laws[0].cause, beside), {}
+        cause, found = laws[0].cause, {}
+        beside = self.beside(beside, cause)
+        grams, place = self._less_shared(cause, beside), self.places[cause]
+        index, weight, _ = self.columns(beside)
+        cross = grams[:, index[:, None], place] * weight[:, :, None]
+        total = self.products(beside, grams)[0].sum(axis=0)
+        inverse = inverse_of(total[1:, 1:]) if total.shape[0] > 1 else np.zeros((0, 0))
+        own = np.stack([one.size[self.kept][place] ** 2 for one in self.events])
+        frame = grams[:, place[:, None], place], cross, inverse, total[0, 1:] @ inverse, own
         for many in {law.weights.shape[1] for law in laws}:
             alike = [k for k, law in enumerate(laws) if law.weights.shape[1] == many]
             if many:
-                rows = self._judged(np.stack([laws[k].weights for k in alike]), self.causes[laws[0].cause].prior, frame)
+                rows = self._judged(np.stack([laws[k].weights for k in alike]), self.causes[cause].prior, frame)
             else:
-                rows = zip(*(self._judged_each(laws[k].cause, beside) for k in alike), strict=True)
+                rows = zip(*(self._judged_each(cause, beside) for _ in alike), strict=True)
             for k, gain, dof, score in zip(alike, *rows, strict=True):
-                found[k] = float(gain), int(dof), *_mixed(score, laws[k].odds), laws[k]
+                score = score + 2 * np.log(ODDS)  # over all common sizes, and the most likely of these
+                evidence = float(2 * np.logaddexp.reduce(score / 2) + laws[k].odds)
+                found[k] = float(gain), int(dof), evidence, float(SIZES[np.argmax(score)]), laws[k]
         return [found[k] for k in range(len(laws))]
 
     @staticmethod
@@ -211,16 +220,6 @@ class Search:
         square = SIZES[:, None] ** 2
         more = 1 + square * known
         return gain, seen.sum(axis=1), np.sum(square * part**2 / more - np.log(more), axis=2)
-
-    def _frame(self, cause, beside):
-        """What all laws of a cause share: products in each event, and with the laws beside it."""
-        grams, place = self._less_shared(cause, beside), self.places[cause]
-        index, weight, _ = self.columns(beside)
-        cross = grams[:, index[:, None], place] * weight[:, :, None]
-        total = self.products(beside, grams)[0].sum(axis=0)
-        inverse = inverse_of(total[1:, 1:]) if total.shape[0] > 1 else np.zeros((0, 0))
-        own = np.stack([one.size[self.kept][place] ** 2 for one in self.events])
-        return grams[:, place[:, None], place], cross, inverse, total[0, 1:] @ inverse, own
 
     def _less_shared(self, cause, beside):
         """Products less so much of a cause in the observed rows as an error that all events share may be."""
@@ -483,9 +482,3 @@ def _taken(grams, place, prior):
     inner = np.eye(prior.size) + grams[:, place[:, None], place] * np.outer(prior, prior)
     cross = grams[:, :, place] * prior
     return grams - cross @ np.linalg.solve(inner, np.swapaxes(cross, 1, 2))
-
-
-def _mixed(score, odds):
-    """Twice the logarithm of the evidence over all common sizes (s,), and the most likely of these."""
-    score = score + 2 * np.log(ODDS)
-    return float(2 * np.logaddexp.reduce(score / 2) + odds), float(SIZES[np.argmax(score)])

@@ -32,34 +32,31 @@ def detection_limits(observed: Observations, left: list, choice: Choice, say: Ca
     "confused_with", "bias": [p] in the reported unit, "bias_in_sigma"}; size and ratio are None where it would not be
     named at any ratio up to 60, or not be seen at all: the bias is then that of the plausible size.
     """
-    problem, rng = _after(observed, left), np.random.default_rng(len(observed.candidates))
-    problem, tails = _along(problem, choice, rng)
-    scored = _Scored(problem, choice, tails)
-    found, effects = [], _injected(problem, rng)
-    for number, (cause, parts) in enumerate(effects.items(), start=1):
-        rows = [_row(scored, index, column, observed.scale) for index, column in parts]
-        best = min((one for one in rows if one["size"] is not None), key=lambda one: one["relative"], default=None)
-        if best is not None:
-            best |= _confirmed(problem, choice, best, observed.candidates)
-        say(f"limits: {number} of {len(effects)}, {cause}")
-        rows.sort(key=lambda one: (one["size"] is not None, -one["relative"]))
-        least = {one["parameter"]: one for one in rows}.values()  # the form named from the least size, or none
-        found += [{n: v for n, v in one.items() if n not in ("relative", "at")} for one in least]
-    return found
-
-
-def _after(observed, left):
-    """Problem of the residual after the found model, whose columns are free beside those of the calibration.
-
-    A row that was observed and of which nothing is left had a column of its own, as outliers have.
-    """
-    blocks = []
-    for block, part in zip(observed.blocks, left, strict=True):
+    blocks, rng = [], np.random.default_rng(len(observed.candidates))
+    for block, part in zip(
+        observed.blocks, left, strict=True
+    ):  # a row of which nothing is left had a column of its own
         alone = np.flatnonzero((np.abs(part[:, 0]) < GONE) & (np.abs(block.observed) > GONE))
         own = (np.arange(block.observed.size)[:, None] == alone).astype(float)
         wider, own = np.column_stack([block.global_columns, part[:, 1:]]), np.column_stack([block.local_columns, own])
         blocks.append(replace(block, observed=part[:, 0], global_columns=wider, local_columns=own))
-    return prepare(blocks, observed.candidates)
+    problem, tails = _along(prepare(blocks, observed.candidates), choice, rng)
+    scored, groups, found = _Scored(problem, choice, tails), {}, []
+    for k, candidate in enumerate(problem.candidates):
+        if candidate.listed and "alone" not in candidate.form:
+            groups.setdefault(slug_of(candidate.cause), []).append(k)
+    some = {c: sorted(rng.permutation(rows)[:FORMS]) if len(rows) > FORMS else rows for c, rows in groups.items()}
+    every = {c: [(k, i) for k in rows for i in range(len(problem.candidates[k].names))] for c, rows in some.items()}
+    for number, (cause, parts) in enumerate(every.items(), start=1):
+        rows = [_row(scored, index, column, observed.scale) for index, column in parts]
+        best = min((one for one in rows if one["size"] is not None), key=lambda one: one["relative"], default=None)
+        if best is not None:
+            best |= _confirmed(problem, choice, best, observed.candidates)
+        say(f"limits: {number} of {len(every)}, {cause}")
+        rows.sort(key=lambda one: (one["size"] is not None, -one["relative"]))
+        least = {one["parameter"]: one for one in rows}.values()  # the form named from the least size, or none
+        found += [{n: v for n, v in one.items() if n not in ("relative", "at")} for one in least]
+    return found
 
 
 def _along(problem, choice, rng):
@@ -139,16 +136,6 @@ class _Scored:
             sets.append(some | {str(self.causes[winner])} if np.isfinite(score[winner, n]) else set())
             right.append(bool(hit and self.listed[winner] and len(some | {own}) <= LARGEST_SET))
         return np.array(right).reshape(2, -1), [sets[: RATIOS.size], sets[RATIOS.size :]], unit
-
-
-def _injected(problem, rng):
-    """{cause: [(index, column of the candidate)]} of every listed effect, of many forms a few."""
-    groups: dict[str, list[int]] = {}
-    for k, candidate in enumerate(problem.candidates):
-        if candidate.listed and "alone" not in candidate.form:
-            groups.setdefault(slug_of(candidate.cause), []).append(k)
-    chosen = {c: sorted(rng.permutation(rows)[:FORMS]) if len(rows) > FORMS else rows for c, rows in groups.items()}
-    return {c: [(k, i) for k in rows for i in range(len(problem.candidates[k].names))] for c, rows in chosen.items()}
 
 
 def _row(scored, index, column, scale):

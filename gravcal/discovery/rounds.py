@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, shaping, trials
+from gravcal.discovery import adequacy, attribution, trials
 from gravcal.discovery.problem import (
     Problem,
     baseline_of,
@@ -150,7 +150,11 @@ def _named(problem, choice):
         if found is None:
             break
         problem, chosen = _revised(problem, [*chosen, found], choice)
-    chosen = renamed(problem, merged(problem, chosen, choice), choice)
+    chosen = merged(problem, chosen, choice)
+    for position, (index, _) in enumerate(chosen):  # on whose value the blocks do not agree gives way to one in no list
+        others = [k for i, (k, _) in enumerate(chosen) if i != position]
+        if problem.candidates[index].listed and not _agreed(problem, others, index):
+            chosen = _given_way(problem, chosen, position, choice, -np.inf)
     return problem, pruned(problem, without_shadows(problem, chosen)), first
 
 
@@ -158,7 +162,7 @@ def _best(problem, used, rows, choice):
     """Problem, and (index, trial) of the winner of a round that holds on data left out; None if nothing passes."""
     problem, everything = trials.sparse(problem, baseline_of(problem, used), rows, choice)
     rows = [t for t in everything if t.significance < choice.level]
-    problem, rows = shaping.sized(problem, baseline_of(problem, used), rows)
+    problem, rows = trials.sized(problem, baseline_of(problem, used), rows)
     ranked = _ranked(problem, used, rows, choice)
     if ranked and ranked[0].kind == "unknown":
         pair = trials.best_pair(problem, baseline_of(problem, used), everything, choice)
@@ -169,7 +173,7 @@ def _best(problem, used, rows, choice):
             at, at_sigma = trials.tuned(problem, baseline_of(problem, used), trial)
             trial = trial._replace(at=at, at_sigma=at_sigma)
         grown, index = trials.with_candidate(problem, trial)
-        grown, index = shaping.refined(grown, baseline_of(grown, used), index)
+        grown, index = trials.refined(grown, baseline_of(grown, used), index)
         if trial.kind == "step" and trial.place < 0 and not _agreed(grown, used, index):
             continue
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
@@ -258,10 +262,13 @@ def _finding(problem, chosen, position, choice):
     tied = {cause: k for cause, (_, k) in near.items() if problem.candidates[k].listed}
     apart = [attribution.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
     wide = [_widest(problem, k) if "," in problem.candidates[k].form else k for k in others]  # with what was left out
-    beside = attribution.projected(problem.total, baseline_of(problem, wide))
-    names, units, value, sigma = _parameters(problem, beside, index)
+    whole = attribution.beside(problem, wide, _widest(problem, index))  # NaN where the data determine no parameter
+    known, entry = np.where(whole.determined, 1.0, np.nan), problem.candidates[_widest(problem, index)]
+    spread = whole.covariance if entry.spread is None else whole.covariance + entry.spread
+    value, sigma = whole.value * known, np.sqrt(np.diag(spread)) * known
     numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
-    words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied), "names": names, "units": units}
+    words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied)}
+    words |= {"names": entry.names, "units": entry.units}
     alike = _as_good(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
     alike = {n: one for n, one in alike.items() if not _needless(problem, others, index, one[1], choice)} | near
     rows = [(expected, problem.candidates[k]) for expected, k in sorted(alike.values())]
@@ -269,16 +276,6 @@ def _finding(problem, chosen, position, choice):
     words |= {"kind": kind, "separation": apart, "imitators": drivers}
     where = trial if np.isfinite(trial.at) else candidate  # that was made of the trial that located it
     return Finding(**words, **numbers, value=value, sigma=sigma, index=index, at=where.at, at_sigma=where.at_sigma)
-
-
-def _parameters(problem, gram, index):
-    """Every parameter of a cause from its widest form, NaN where the data do not determine it."""
-    widest = _widest(problem, index)
-    ratio = attribution.ratio(gram, problem.places[widest], problem.size)
-    known = np.where(ratio.determined, 1.0, np.nan)
-    entry = problem.candidates[widest]
-    covariance = ratio.covariance if entry.spread is None else ratio.covariance + entry.spread
-    return entry.names, entry.units, ratio.value * known, np.sqrt(np.diag(covariance)) * known
 
 
 def _widest(problem, index):
@@ -355,15 +352,6 @@ def merged(problem: Problem, chosen: list, choice) -> list:
     rows = trials.tried(problem, baseline_of(problem, [k for k, _ in kept]), choice, [k for k, _ in kept])
     found = max((t for t in rows if t.index in whole), key=lambda t: t.gain, default=None)
     return [*kept, (found.index, found)] if found else chosen
-
-
-def renamed(problem, chosen, choice):
-    """A listed cause on whose value the blocks do not agree gives way to the best one in no list."""
-    for position, (index, _) in enumerate(chosen):
-        others = [k for i, (k, _) in enumerate(chosen) if i != position]
-        if problem.candidates[index].listed and not _agreed(problem, others, index):
-            chosen = _given_way(problem, chosen, position, choice, -np.inf)
-    return chosen
 
 
 def without_shadows(problem: Problem, chosen: list) -> list:
@@ -482,7 +470,7 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
             break
         used = [k for k, _ in chosen]
         grown, index = extended(problem, candidate), len(problem.candidates)
-        grown, index = shaping.refined(grown, baseline_of(grown, used), index)
+        grown, index = trials.refined(grown, baseline_of(grown, used), index)
         ratio = attribution.beside(grown, used, index)
         about = ratio.gain, ratio.dof, ratio.log_p, after.excess_p
         trial = trials.Trial("excess", candidate.cause, candidate.form, index, *about)
@@ -496,19 +484,15 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
             break
         if (index, trial) not in without_shadows(grown, [*chosen, (index, trial)]):
             break
-        others = [one for one in others if _passes(grown, [k for k, _ in others if k != one[0]] + [index], one, choice)]
-        problem, chosen = grown, [*others, (index, trial)]
+        kept = []
+        for k, one in others:  # what is significant beside it, corrected as when it was named
+            beside = attribution.beside(grown, [j for j, _ in others if j != k] + [index], k)
+            log_p = float(chi2_tail.log_tail(beside.gain, max(beside.dof, 1), choice.freedom))
+            times = np.log(one.significance) - one.log_p if one.significance > 0 else MANY
+            kept += [(k, one)] if log_p + times < np.log(choice.level) else []
+        problem, chosen = grown, [*kept, (index, trial)]
         after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
     return problem, chosen, after
-
-
-def _passes(problem, others, one, choice):
-    """Whether a name is significant beside others, corrected as it was when it was named."""
-    index, trial = one
-    ratio = attribution.beside(problem, others, index)
-    log_p = float(chi2_tail.log_tail(ratio.gain, max(ratio.dof, 1), choice.freedom))
-    times = np.log(trial.significance) - trial.log_p if trial.significance > 0 else MANY
-    return log_p + times < np.log(choice.level)
 
 
 def _given_way(problem, chosen, position, choice, least):

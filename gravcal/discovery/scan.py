@@ -43,7 +43,10 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
         parts.append((-1, *(sum(part[k][:count] for part in parts) for k in (1, 2, 3))))
     for i, own, cross, right in parts:
         inner, right = own - cross.transpose(0, 2, 1) @ (inverse @ cross), right.transpose(0, 2, 1)
-        gain += [_step_gain(inner, right), *_axis_gains(inner, right)]
+        alone = np.einsum("kqq->kq", inner)
+        seen = alone > 1e-8 * np.max(alone, axis=1, keepdims=True)
+        size = np.where(seen, 1 / np.sqrt(np.where(seen, alone, 1.0)), 0.0)
+        gain += [_step_gain(inner, right), *np.moveaxis((size[:, :, None] * right) ** 2, 1, 0)]
         free = np.array([inner.shape[1], *[1] * inner.shape[1]])
         dof.append(np.repeat(free, len(own)))
         epochs = list(problem.blocks[i if i >= 0 else parts[0][0]].steps)[: len(own)]
@@ -83,14 +86,6 @@ def _step_gain(inner, right):
     size = np.where(seen, 1 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
     part = (vectors * size[:, None]).transpose(0, 2, 1) @ right
     return np.sum(part**2, axis=1)
-
-
-def _axis_gains(inner, right):
-    """The same (q, k, d) for each of the q columns alone."""
-    own = np.einsum("kqq->kq", inner)
-    seen = own > 1e-8 * np.max(own, axis=1, keepdims=True)
-    size = np.where(seen, 1 / np.sqrt(np.where(seen, own, 1.0)), 0.0)
-    return np.moveaxis((size[:, :, None] * right) ** 2, 1, 0)
 
 
 def frequencies(blocks: list[Block], channel: str) -> np.ndarray:

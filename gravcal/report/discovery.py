@@ -79,8 +79,11 @@ def report(
     )
     files = {"discovery.json": documents.text(document)}
     if numbers.get("findings") and "model" in settings:  # a calibration that takes one
-        first = combined and not settings["model"]
-        added = _added(numbers["calibration_change"], calibration, found.attrs["records"]) if first else None
+        change, added = numbers["calibration_change"], None
+        spread = change["covariance_of_findings"]
+        if combined and not settings["model"] and np.all(np.isfinite(np.array(spread, dtype=float))):
+            row = {"calibration": calibration, "records": found.attrs["records"], "unit": change["unit"]}
+            added = row | {"correction": change["correction"], "covariance": spread}
         extended = model_text(numbers, event, settings["model"], added)
         files |= {"model.toml": extended} if extended else {}
     files["discovery.html"] = pages.page(
@@ -96,38 +99,30 @@ def report(
 
 
 def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, settings: dict, reported) -> tuple:
-    """Result document of a discovery, judged and valid, and the numbers in it; arguments as of `report`."""
+    """Result document of a discovery, judged and valid, and the numbers in it; arguments as of `report`.
+
+    The change of the result is that which the calibration itself finds, where it does; where the result is known
+    beforehand it is compared, and its error may be wider than that.
+    """
     numbers = json.loads(found.attrs["numbers"])
-    if combined and "calibration_change" in numbers:
-        numbers = _with_result(numbers, *(reported.result(one) for one in combined))
-    status, checks = numbers.pop("status", "delivered"), _of_result(numbers, numbers.pop("expected", {}))
-    body = {"status": status, "kind": "discovery", "verdict": {"text": words.verdict(numbers)}} | numbers
-    about = {"event": event, "settings": settings}
-    return documents.delivered(calibration, body, {"discovery": found}, checks, **about), numbers
-
-
-def _of_result(numbers, expected):
-    """Checks of the delivered result against what is known of it beforehand; its error may be wider than that."""
-    change, checks = numbers.get("calibration_change", {}), []
-    names = change.get("names", ()) if expected else ()
-    rows = zip(*(change[n] for n in ("after", "sigma_after")), units(change), strict=True) if names else ()
-    for name, (value, sigma, unit) in zip(names, rows, strict=False):
+    status, expected, checks = numbers.pop("status", "delivered"), numbers.pop("expected", {}), []
+    change = numbers.get("calibration_change")
+    if combined and change:
+        extra = np.array(change["covariance_of_findings"], dtype=float)
+        (name, old, covariance), (_, new, other) = (reported.result(one) for one in combined)
+        new = new + np.array(change["correction"], dtype=float)
+        sigma = [np.sqrt(np.diag(c)) for c in (covariance, other + extra)]
+        own = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1]}
+        own |= {"change": new - old, "change_in_old_sigma": (new - old) / sigma[0]}
+        change = numbers["calibration_change"] = change | {"variant": name, "joint_fit": change} | plain.as_plain(own)
+    values = [change["names"], units(change), change["after"], change["sigma_after"]] if expected and change else []
+    for name, unit, value, sigma in zip(*values, strict=True):
         if name in expected and value is not None and sigma is not None:
             known, limit = expected[name]
             checks.append(at_most(f"{name} against the catalogue", abs(value - known), max(limit, WIDE * sigma), unit))
-    return checks
-
-
-def _with_result(numbers, before, after):
-    """Numbers with the change of the calibration result as the calibration itself finds it, as of `Reported.result`."""
-    change = numbers["calibration_change"]
-    extra = np.array(change["covariance_of_findings"], dtype=float)
-    (name, old, covariance), (_, new, other) = before, after
-    new = new + np.array(change["correction"], dtype=float)
-    sigma = [np.sqrt(np.diag(c)) for c in (covariance, other + extra)]
-    found = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1]}
-    found |= {"change": new - old, "change_in_old_sigma": (new - old) / sigma[0]}
-    return numbers | {"calibration_change": change | {"variant": name, "joint_fit": change} | plain.as_plain(found)}
+    body = {"status": status, "kind": "discovery", "verdict": {"text": words.verdict(numbers)}} | numbers
+    about = {"event": event, "settings": settings}
+    return documents.delivered(calibration, body, {"discovery": found}, checks, **about), numbers
 
 
 def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Section]:
@@ -330,14 +325,6 @@ def model_text(numbers: dict, event: str, given: str = "", result: dict | None =
     return toml.text(model, note) if effects else ""
 
 
-def _added(change, calibration, records):
-    """What the search adds to the result of the calibration from the records that it was made in; None if unknown."""
-    if not np.all(np.isfinite(np.array(change["covariance_of_findings"], dtype=float))):
-        return None
-    row = {"calibration": calibration, "records": records, "unit": change["unit"]}
-    return row | {"correction": change["correction"], "covariance": change["covariance_of_findings"]}
-
-
 @figure("discovery", caption=f"Power of the residual over that of noise; four bands a manoeuvre. {BARE}.")
 def _power(found):
     names = found.attrs["channels"].split()
@@ -355,8 +342,14 @@ def _power(found):
         for which, (name, style) in zip(("before", "after"), POINTS.items(), strict=True):
             panel.plot(place, found[f"power_{which}"].values[here], label=name, markersize=size, **style)
         _wide(panel)
-    numbers = range(each, int(blocks.max()) + 2, each)
-    panel.set_xticks(numbers, [_number(found, i) for i in numbers])
+    places, named = (
+        range(each, int(blocks.max()) + 2, each),
+        dict(enumerate(found.attrs["blocks"].split(", "), start=1)),
+    )
+    named = {
+        k: name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(k) for k, name in named.items()
+    }
+    panel.set_xticks(places, [named[k] for k in places])
     return drawn
 
 
@@ -364,12 +357,6 @@ def _wide(panel):
     """Logarithmic power where it spans more than a page can show."""
     if panel.get_ylim()[1] > 30:
         panel.set_yscale("log")
-
-
-def _number(found, place):
-    """Number of a block: that in its name, its place among all where it has none."""
-    name = found.attrs["blocks"].split(", ")[place - 1]
-    return name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(place)
 
 
 @figure(

@@ -98,17 +98,14 @@ def _law(form, known):
         base, symbols, wheres = _symbols(words)
         wheres.append(f"x = {base}, of size one")
     symbols = symbols if symbols.startswith("A₀") else f"A {symbols}"
-    rows = [f"A{_axis(n)} = {quantity(sizes[n]['value'], sizes[n]['sigma'], sizes[n]['unit'])}" for n in stated]
+    rows = []
+    for n in stated:  # such as "linear_y" or "linear_y_0", with number and axis as its subscript
+        parts, size = n.split("_"), quantity(sizes[n]["value"], sizes[n]["sigma"], sizes[n]["unit"])
+        number = "".join("₀₁₂"[int(part)] for part in parts if part in ("0", "1", "2"))
+        rows.append(f"A{number}{''.join(f'({part})' for part in parts if part in ('x', 'y', 'z'))} = {size}")
     rows += [f"{SYMBOLS[n]} = {quantity(p['value'], p['sigma'], p['unit'])}" for n, p in known.items() if n in SYMBOLS]
     where = ", ".join([*wheres, *rows])
     return f"{f'{reading} follows ' if reading else ''}{words}; Δ{letter} = {symbols}, where {where}"
-
-
-def _axis(name):
-    """Subscript and axis of a parameter such as "linear_y" or "linear_y_0"."""
-    parts = name.split("_")
-    number = "".join("₀₁₂"[int(part)] for part in parts if part in ("0", "1", "2"))
-    return number + "".join(f"({part})" for part in parts if part in ("x", "y", "z"))
 
 
 def _symbols(words):

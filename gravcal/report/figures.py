@@ -61,18 +61,6 @@ def grid(rows, columns, height_in, *, xlabel="", ylabels=(), titles=(), margins=
     return figure, panels
 
 
-def _legend(figure):
-    """Legend of all panels above them, to the right, each name once; none where a panel has its own."""
-    known = {}
-    for panel in figure.axes:
-        for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
-            known.setdefault(label, handle)
-    if known and not any(panel.get_legend() for panel in figure.axes):
-        top = 1 - 0.02 / figure.get_figheight()
-        place = {"loc": "upper right", "bbox_to_anchor": (0.995, top), "borderpad": 0.0}
-        figure.legend(known.values(), known.keys(), ncols=len(known), **place)
-
-
 def bars(panel, x, y, sigma, **style):
     """Values with their errors as points with bars."""
     look = {"marker": "o", "markersize": 3.8, "linestyle": "none", "elinewidth": 0.9, "capsize": 2}
@@ -131,12 +119,20 @@ def number_windows(panel, ends):
 
 
 def image(draw, *given) -> str | None:
-    """Figure that a function draws as a data address (SVG) for a page; None if there is nothing to show."""
+    """Figure that a function draws as a data address (SVG) for a page; None if there is nothing to show.
+
+    Above its panels, to the right, stands a legend of all, each name once, unless a panel has its own.
+    """
     with matplotlib.rc_context(STYLE):
-        figure = draw(*given)
+        figure, known = draw(*given), {}
         if figure is None:
             return None
-        _legend(figure)
+        for panel in figure.axes:
+            for handle, label in zip(*panel.get_legend_handles_labels(), strict=True):
+                known.setdefault(label, handle)
+        if known and not any(panel.get_legend() for panel in figure.axes):
+            place = {"bbox_to_anchor": (0.995, 1 - 0.02 / figure.get_figheight()), "borderpad": 0.0}
+            figure.legend(known.values(), known.keys(), ncols=len(known), loc="upper right", **place)
         buffer = io.BytesIO()
         figure.savefig(buffer, format="svg", metadata=dict.fromkeys(("Date", "Creator", "Format", "Type")))
     return f"data:image/svg+xml;base64,{base64.b64encode(buffer.getvalue()).decode('ascii')}"

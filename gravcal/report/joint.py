@@ -40,19 +40,17 @@ def report(search, products, *, history, settings, calibration, event, satellite
         steps = sorted(seconds(t["date"]) for t in history["trims"] if t["axis"] == name)
         moves[name] = moving(time, value[:, k], spread[:, k, :, k], steps, fuel)
     left_out, sigma = [one.left_out() for one in moves.values()], np.sqrt(np.einsum("ipip->ip", spread))
-    rows = [
-        {
-            "event": one.name,
-            "time": one.time,
-            "value": value[k],
-            "sigma": sigma[k],
-            "alone": scale * result.alone[k, :, 0],
-            "sigma_alone": scale * result.alone[k, :, 1],
-            "left_out": [away[k] for away in left_out],
-            "measured": dict(one.measured),
-        }
-        for k, one in enumerate(search.events)
-    ]
+    contradicting = list(result.contradicting)
+    for name, scores in zip(names, left_out, strict=True) if len(time) > 3 else ():  # that the motion does not foretell
+        for one, away in zip(search.events, scores, strict=True):
+            chance = float(np.exp(chi2_tail.log_tail(away**2, 1))) * len(time) * len(names)
+            about = {"event": one.name, "chi2": float(away**2), "dof": 1, "p": chance, "parameter": name}
+            contradicting += [about] if chance < search.level else []
+    rows = []
+    for k, one in enumerate(search.events):
+        row = {"event": one.name, "time": one.time, "value": value[k], "sigma": sigma[k]}
+        row |= {name: scale * result.alone[k, :, n] for n, name in enumerate(("alone", "sigma_alone"))}
+        rows.append(row | {"left_out": [away[k] for away in left_out], "measured": dict(one.measured)})
     common = scale * np.array(known["common"])
     body = {
         "status": "delivered",
@@ -63,7 +61,7 @@ def report(search, products, *, history, settings, calibration, event, satellite
         "events": rows,
         "causes": as_plain([_cause(search, one) for one in result.named]),
         "covariance": result.covariance,
-        "contradicting": [*result.contradicting, *_strange(search, names, left_out)],
+        "contradicting": contradicting,
         "motion": {name: _motion(one, history["trims"], name, fuel) for name, one in moves.items()},
         "predicted": predicted(moves, np.arange(time[0], time[-1] + AHEAD_S + STEP_S, STEP_S), common),
         "tried": result.tried,
@@ -80,11 +78,8 @@ def report(search, products, *, history, settings, calibration, event, satellite
         "joint.html": page(document, moves, history),
     }
     of_each, said = ("event", "parameter"), {"units": "1", "long_name": f"parameters in {unit}"}
-    kept = {
-        "time_event": ("event", time, {"units": "s", "long_name": "middle of the manoeuvres, GPS"}),
-        "value": (of_each, value, said),
-        "sigma": (of_each, sigma, said | {"long_name": "errors"}),
-    }
+    kept = {"time_event": ("event", time, {"units": "s", "long_name": "middle of the manoeuvres, GPS"})}
+    kept |= {"value": (of_each, value, said), "sigma": (of_each, sigma, said | {"long_name": "errors"})}
     return xr.Dataset(kept, attrs={"status": "delivered"}), files
 
 
@@ -101,17 +96,6 @@ def date(time: float) -> datetime.datetime:
 def day(time: float) -> str:
     """Day of GPS s."""
     return date(time).date().isoformat()
-
-
-def _strange(search, names, left_out):
-    """Events whose value the motion of the others does not foretell."""
-    count, found = len(search.events) * len(names), []
-    for name, scores in zip(names, left_out, strict=True):
-        for event, away in zip(search.events, scores, strict=True):
-            chance = float(np.exp(chi2_tail.log_tail(away**2, 1))) * count
-            if chance < search.level and len(search.events) > 3:
-                found.append({"event": event.name, "chi2": float(away**2), "dof": 1, "p": chance, "parameter": name})
-    return found
 
 
 def _cause(search, one) -> dict:
@@ -155,18 +139,12 @@ def _cause(search, one) -> dict:
 def _motion(one: Moving, trims, name, fuel):
     """Slope per year, steps, change with fuel (null where it follows none) and size of the walk of a parameter."""
     terms, first = [{"value": v, "sigma": s} for v, s in np.transpose(one.terms()).tolist()], 2 + len(one.steps)
-    printed = {seconds(t["date"]): t for t in trims if t["axis"] == name}
-    steps = [
-        {"date": day(at), **term, "found": at in one.found, "printed": printed.get(at, {}).get("size")}
-        for at, term in zip(one.steps, terms[2:first], strict=True)
-    ]
+    printed, steps = {seconds(t["date"]): t["size"] for t in trims if t["axis"] == name}, []
+    for at, term in zip(one.steps, terms[2:first], strict=True):
+        steps.append({"date": day(at), **term, "found": at in one.found, "printed": printed.get(at)})
+    follows = dict.fromkeys(fuel) | dict(zip(one.follows, terms[first:], strict=True)) or None
     walk = float(np.sqrt(sum(w * q**2 for w, q, _ in one.options())))
-    return {
-        "slope_per_year": terms[1],
-        "steps": steps,
-        "follows": dict.fromkeys(fuel) | dict(zip(one.follows, terms[first:], strict=True)) or None,
-        "walk_per_root_year": walk,
-    }
+    return {"slope_per_year": terms[1], "steps": steps, "follows": follows, "walk_per_root_year": walk}
 
 
 def predicted(moves, times, common=None) -> list[dict]:

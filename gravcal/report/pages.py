@@ -123,15 +123,12 @@ MOODS = {True: "good", False: "bad", None: ""}
 
 def arguments(one: Figure, products: Mapping) -> list:
     """What a figure draws: the products that it reads, None for one that is missing, unless it says what else."""
-    return [_product(name, products) for name in one.reads] if one.arguments is None else list(one.arguments)
-
-
-def _product(name, products):
-    """Product of a stage, of all its variants for "stage.*"; None where there is none."""
-    if not name.endswith(".*"):
-        return products.get(name)
-    start = name.removesuffix("*")
-    return {key.removeprefix(start): one for key, one in products.items() if key.startswith(start) and one is not None}
+    given = [] if one.arguments is None else list(one.arguments)
+    for name in one.reads if one.arguments is None else ():
+        start, known = name.removesuffix("*"), {key: made for key, made in products.items() if made is not None}
+        variants = {key.removeprefix(start): made for key, made in known.items() if key.startswith(start)}
+        given.append(known.get(name) if start == name else variants)
+    return given
 
 
 def _source(document, reads):

@@ -8,7 +8,7 @@ import pytest
 import xarray as xr
 
 from flows import calibration
-from flows import joint as watching
+from flows import discover as watching
 from gravcal.discovery import evidence, joint
 from gravcal.effects import effect
 from gravcal.estimation import moving
