@@ -14,7 +14,7 @@ from dataclasses import dataclass, field
 
 from flows import command, discover, engine
 from flows.calibration import Calibration, load
-from flows.engine import server, through_prefect
+from flows.engine import server
 from gravcal.errors import GravcalError, refuse
 from gravcal.store import history, keys, location, product, results, schemas
 from tasks import stage
@@ -259,7 +259,7 @@ def _make_all(campaign, sources, rows, listener):
             try:
                 with server.running(begun or server.begin()) as url:
                     name = f"campaign {campaign.calibration}"
-                    return through_prefect.flow_on(url, events, name, lambda: len(waiting))
+                    return engine.flow_on(url, events, name, lambda: len(waiting))
             except server.Unavailable as error:
                 engine.warn(f"Prefect's server is not available ({error}); running without it.")
         for number in waiting:

@@ -16,11 +16,12 @@ from typing import Annotated
 import typer
 
 from flows import command, engine, output
-from flows.calibration import known, load_all
+from flows.calibration import known, load, load_all
 from flows.engine import remake
 from gravcal import catalog
-from gravcal.errors import GravcalError
-from gravcal.store import configurations, housekeeping, location, schemas
+from gravcal.errors import GravcalError, NoDataError
+from gravcal.io import archive
+from gravcal.store import configurations, housekeeping, location, schemas, store
 from gravcal.store import history as lineage
 from gravcal.store.results import rounded
 from tasks.stage import lazy
@@ -32,9 +33,9 @@ discoveries = lazy("flows.discover")
 effect_catalogue = lazy("gravcal.effects")
 exports = lazy("flows.export")
 fetching = lazy("gravcal.io.fetch")
-joint_searches = lazy("flows.joint")
 prefect_server = lazy("flows.engine.server")
 remote = lazy("gravcal.store.remote")
+report_history = lazy("gravcal.report.history")
 reproductions = lazy("flows.reproduce")
 servers = lazy("flows.serve")
 timeline = lazy("gravcal.browse.timeline")
@@ -242,7 +243,8 @@ def run(
     """Calibrate one event; what is in the store already is reused. With --set or --model: an experiment beside it."""
     source, chosen = _prepared(calibration, event, data, satellite, date, settings, model, as_, json)
     with _failures(calibration, source, json, chosen.configuration):
-        document, ref = command.calibrate(calibration, source, chosen, engine)
+        ref = command.made(load(calibration).flow, source, chosen, engine)
+        document = load(calibration).document(ref)
     output.result(document, ref, json)
     raise typer.Exit(command.EXIT[document["status"]])
 
@@ -264,8 +266,7 @@ def plan(
     """Say what a run or campaign would make again, why and how long; without EVENT or folder for all of the store."""
     chosen = command.chosen(calibration, settings, model, as_)
     sources = command.sources(calibration, event, data, satellite, date)
-    steps = [step for source in sources for step in command.plan(calibration, source, chosen)]
-    output.plan(command.timed(steps), json, every)
+    output.plan(command.plan(calibration, sources, chosen), json, every)
 
 
 @app.command()
@@ -286,9 +287,16 @@ def detect(
     source = command.source(calibration, event, data, satellite, date)
     document = command.detect(calibration, source, chosen)
     output.manoeuvres(document, json)
+    found = document["manoeuvres"]
     if save:
-        output.say(f"stored as event {command.save_event(calibration, source, document)}")
-    raise typer.Exit(0 if document["manoeuvres"] else 3)
+        known, first = load(calibration), min((m["start"] for m in found), default=0) / 86400 + 0.5
+        day = datetime.date.fromisoformat(source.date or "2000-01-01") + datetime.timedelta(0 if source.date else first)
+        files = known.level_one_files(source)
+        digests = {file.name: archive.file_digest(file.path, file.member) for file in files}
+        about = known.design, tuple(source.satellite), day, found, digests, document["origin"]
+        event = catalog.save_event(source.event, catalog.event_text(calibration, *about))
+        output.say(f"stored as event {event.name}")
+    raise typer.Exit(0 if found else 3)
 
 
 @app.command()
@@ -329,7 +337,10 @@ def discover(
     else:
         source, chosen = study, configurations.record(command.configured(calibration, settings, None, as_))
     with _failures(calibration, source, json, chosen.configuration):
-        document, files = command.discover(calibration, source, chosen, engine, limits)
+        command.check_searched(calibration, discoveries.STUDIES)
+        ref = command.made(discoveries.flow_of(calibration, limits), source, chosen, engine)
+        document = discoveries.document(ref)
+    files = [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
     files += [shutil.copy(path, out) for path in files if out and path.name == "discovery.html"]
     output.discovery(document, files, json)
     raise typer.Exit(command.EXIT[document["status"]])
@@ -340,7 +351,7 @@ def _joint(calibration, satellite, data, given, events, engine, workers, out, js
     command.check_searched(calibration)
     chosen = configurations.record(command.chosen(calibration, *given))
     named = [one.strip() for one in events.split(",") if one.strip()]
-    found = joint_searches.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
+    found = discoveries.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
     for document, files, _ in found if out else ():
         named = out.with_stem(f"{out.stem}-{document['satellite']}") if len(found) > 1 else out
         shutil.copy(next(path for path in files if path.name == "joint.html"), named)
@@ -421,7 +432,8 @@ def demo(
     with prefect_server.early(first) as begun:
         truth = command.simulate(DEFAULT, folder, (seed, folder / "truth.json"), None, None)
         source = command.source(DEFAULT, None, folder, truth["satellite"], truth["date"])
-        document, ref = command.calibrate(DEFAULT, source, command.chosen(DEFAULT, None), engine, begun)
+        ref = command.made(load(DEFAULT).flow, source, command.chosen(DEFAULT, None), engine, begun)
+    document = load(DEFAULT).document(ref)
     output.result(document, ref, json, truth)
     raise typer.Exit(command.EXIT[document["status"]])
 
@@ -589,18 +601,12 @@ def list_products(
     json: Json = None,
 ) -> None:
     """List the products of the store."""
-    found = housekeeping.entries(event, stage, newest_only=not all_, configuration=as_)
+    found, document = housekeeping.entries(event, stage, newest_only=not all_, configuration=as_), []
     facts = ("key", "digest", "bytes", "seconds", "made", "machine", "stage")
-    document = [
-        {
-            "product": entry.ref.name,
-            "path": str(entry.ref.path),
-            "newest": entry.newest,
-            "configurations": list(entry.configurations),
-        }
-        | {name: entry.record.get(name) for name in facts}
-        for entry in found
-    ]
+    for entry in found:
+        row = {"product": entry.ref.name, "path": str(entry.ref.path), "newest": entry.newest}
+        row |= {"configurations": list(entry.configurations)}
+        document.append(row | {name: entry.record.get(name) for name in facts})
     if output.delivered(document, json):
         names = ("bytes", "seconds", "made")
         rows = [[e.ref.name, e.ref.key[:12], *(e.record[n] for n in names), ", ".join(e.configurations)] for e in found]
@@ -734,7 +740,8 @@ def _history_rows(node, depth, seen, settings):
 def rebuild(product: Product, json: Json = None) -> None:
     """Make a product again from its raw files, in a store of its own, and compare."""
     entry = housekeeping.resolve(product)
-    with output.waiting("rebuilding", lineage.seconds(entry)):
+    made_of = store.ancestry(entry.ref.key).values()
+    with output.waiting("rebuilding", sum(record["seconds"] for record in made_of if record)):
         outcome = remake(entry)
     if output.delivered(outcome, json):
         rows = [[one["stage"], one["verdict"], one["why"]] for one in outcome["stages"]]
@@ -780,8 +787,13 @@ def settings(
         | {part: getattr(plain.entry(n), part) for part in parts}
         for n in names
     }
-    if name in entries:
-        entries[name]["reaches"] = command.reached(calibration, name)
+    if name in entries:  # stages that another value makes again, those of the newest event of the store
+        found = housekeeping.entries(configuration=location.OPERATIONAL)
+        mine = [one for one in found if one.ref.kind.startswith(f"{calibration}.")]
+        newest = max(mine, key=lambda one: one.record["made"]).ref.event if mine else None
+        own = [one for one in found if one.ref.event == newest]
+        again = lineage.remade(own, name)
+        entries[name]["reaches"] = list(dict.fromkeys(one.ref.kind for one in own if one.ref.key in again))
     document = {
         "calibration": calibration,
         "operational": configurations.operational(calibration),
@@ -903,7 +915,15 @@ def events(
             output.say("in force at the end of the file")
             output.named(document["in_force"], "name", "satellite", "time", "values", "comment")
         return
-    rows = command.events(calibration)
+    rows, installed = [], load_all()
+    for event in catalog.events(calibration=calibration):
+        if event.calibration in installed:
+            try:
+                files = str(installed[event.calibration].source(event=event.name).folder)
+            except GravcalError as error:
+                files = "no data" if isinstance(error, NoDataError) else str(error).partition(": ")[2] or str(error)
+            about = event.name, event.calibration, str(event.date or "unknown"), files
+            rows.append(dict(zip(("event", "calibration", "date", "files"), about, strict=True)))
     if output.delivered(rows, json):
         output.named(rows, "event", "calibration", "date", "files")
 
@@ -937,7 +957,14 @@ def series(
     json: Json = None,
 ) -> None:
     """Results of all events over the years, beside the published ones; for com_offset with the mass trims."""
-    rows, page = command.series(calibration, satellite)
+    one, rows = command.record(calibration), []
+    command.check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
+    points = [point for point in timeline.points(one) if satellite is None or point.satellite in satellite]
+    letters = sorted({point.satellite for point in points})
+    if points:
+        points += [point for letter in letters for point in timeline.printed_points(one, letter)]
+        trims = [(letter, trim) for letter in letters if one.trims for trim in timeline.trims(letter)]
+        rows, page = report_history.history(one.quantity, points, trims, one.band)
     status = "delivered" if rows else "no_data"
     said = {"schema_version": schemas.VERSION, "status": status, "calibration": calibration, "satellite": satellite}
     output.write_json(said | {"rows": rows}, json)

@@ -21,7 +21,7 @@ PRODUCTS = {
     "tim": ("TIM1B",),
     "clk": ("CLK1B",),
 }
-ALIGNED = ("acc", "sca", "mag", "orbit", "tim", "clk")
+
 #: Of a design, with what they are.
 LIMITS = {
     "rods": (["x", "y", "z"], "rods that may be driven"),
@@ -60,7 +60,7 @@ def calibrate(source, chosen):
 def _aligned(source, chosen):
     files = {name: common.ingest(source.file(*names), event=source.event) for name, names in PRODUCTS.items()}
     found = com_offset.detect(files["mag"], **chosen.for_stage("detect"))
-    return found, com_offset.align(found, *(files[name] for name in ALIGNED), **chosen.for_stage("align"))
+    return found, com_offset.align(found, *files.values(), **chosen.for_stage("align"))
 
 
 def _solved(source, chosen, aligned, checked, variants):

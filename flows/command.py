@@ -14,15 +14,13 @@ from flows.calibration import Calibration, known, load, load_all, model_text
 from gravcal import catalog
 from gravcal.errors import CatalogError, GravcalError, NoDataError, ProductError, refuse
 from gravcal.io import archive
-from gravcal.store import configurations, history, housekeeping, keys, location, product, store
+from gravcal.store import configurations, history, keys, location, product, store
 from gravcal.store.schemas import VERSION
 from tasks.stage import lazy
 
 comparison = lazy("gravcal.report.comparison")
 discoveries = lazy("flows.discover")
 plain = lazy("gravcal.report.plain")
-report_history = lazy("gravcal.report.history")
-timeline = lazy("gravcal.browse.timeline")
 vcm = lazy("gravcal.io.vcm")
 
 EXIT = {"delivered": 0, "failed": 1, "no_manoeuvre": 3, "no_data": 3, "questionable": 4}
@@ -109,12 +107,10 @@ def check_folder(calibration, data):
     refuse(data, there, expected, remedy, ProductError if found else NoDataError)
 
 
-def calibrate(calibration, source, chosen, engine_name, server=None):
-    """Result document and report product of one event."""
-    one = record(calibration)
-    with output.progress(one.flow.flow_name) as listener:
-        ref = engine.run(one.flow, source, chosen, engine=engine_name, listener=listener, server=server)
-    return one.document(ref), ref
+def made(body, source, chosen, engine_name, server=None):
+    """Product of a flow for one event; a terminal shows the stages done."""
+    with output.progress(body.flow_name) as listener:
+        return engine.run(body, source, chosen, engine=engine_name, listener=listener, server=server)
 
 
 def check_searched(calibration, studies=()):
@@ -124,26 +120,10 @@ def check_searched(calibration, studies=()):
         raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {', '.join(names)}")
 
 
-def discover(calibration, source, chosen, engine_name, limits=False):
-    """Result document of a discovery and its files; on request with the detection limits of the event."""
-    check_searched(calibration, discoveries.STUDIES)
-    body = discoveries.flow_of(calibration, limits)
-    with output.progress(body.flow_name) as listener:
-        ref = engine.run(body, source, chosen, engine=engine_name, listener=listener)
-    return discoveries.document(ref), [
-        path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")
-    ]
-
-
-def plan(calibration, source, chosen):
-    """Steps of the plan for one event."""
-    return engine.plan(record(calibration).flow, source, chosen)[0]
-
-
-def timed(steps):
+def plan(calibration, sources, chosen):
     """Steps of a plan as dicts: event, stage, action, reasons, and the seconds that it took the last time."""
-    usual, rows = functools.cache(history.usual_seconds), []
-    for one in steps:
+    usual, flow, rows = functools.cache(history.usual_seconds), record(calibration).flow, []
+    for one in (step for source in sources for step in engine.plan(flow, source, chosen)[0]):
         event = None if one.reasons == ("never made",) else one.event
         row = {"event": one.event, "stage": one.stage, "action": one.action, "reasons": list(one.reasons)}
         rows.append(row | {"seconds": None if one.action == "reuse" else usual(one.stage, event)})
@@ -216,21 +196,7 @@ def detect(calibration, source, chosen):
     one = record(calibration)
     if one.detect is None:
         raise CatalogError(f"{source.event}: {calibration} uses the whole record, there is nothing to detect. Use run.")
-    with output.progress(one.detect.flow_name) as listener:
-        return one.detected(engine.run(one.detect, source, chosen, engine="inline", listener=listener))
-
-
-def series(calibration, satellite):
-    """Rows and page of all results in the store beside the printed values; no row where there is no result."""
-    one = record(calibration)
-    check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
-    points = [point for point in timeline.points(one) if satellite is None or point.satellite in satellite]
-    letters = sorted({point.satellite for point in points})
-    if not letters:
-        return [], None
-    points += [point for letter in letters for point in timeline.printed_points(one, letter)]
-    trims = [(letter, trim) for letter in letters if one.trims for trim in timeline.trims(letter)]
-    return report_history.history(one.quantity, points, trims, one.band)
+    return one.detected(made(one.detect, source, chosen, "inline"))
 
 
 def simulate(calibration, out, seed_truth, effects, settings):
@@ -265,16 +231,6 @@ def report_files(event, out, name=None):
     return [shutil.copy(path, out / path.name) for path in files]
 
 
-def reached(calibration, setting):
-    """Stages that another value of a setting makes again, those of the newest event of the store; [] where none is."""
-    found = housekeeping.entries(configuration=location.OPERATIONAL)
-    newest = max((one for one in found if one.ref.kind.startswith(f"{calibration}.")),
-                 key=lambda one: one.record["made"], default=None)  # fmt: skip
-    own = [one for one in found if newest and one.ref.event == newest.ref.event]
-    again = history.remade(own, setting)
-    return list(dict.fromkeys(one.ref.kind for one in own if one.ref.key in again))
-
-
 def compare(calibration, first, second, satellite=None):
     """Document with what changes between two configurations, for the events that both have."""
     one, named = record(calibration), satellite and f"{catalog.satellite(satellite).name}-"
@@ -290,20 +246,6 @@ def compare(calibration, first, second, satellite=None):
         remedy = f"Run the one that is missing: gravcal campaign {calibration} --as NAME."
         refuse(calibration, f"{counts} and none of both in {location.folder()}", "one", remedy)
     return document
-
-
-def events(calibration=None):
-    """Events of the catalogue: name, calibration, date, and whether their files are at hand."""
-    rows, installed = [], load_all()
-    for event in catalog.events(calibration=calibration):
-        if event.calibration in installed:
-            try:
-                files = str(installed[event.calibration].source(event=event.name).folder)
-            except GravcalError as error:
-                files = "no data" if isinstance(error, NoDataError) else str(error).partition(": ")[2] or str(error)
-            date = str(event.date) if event.date else "unknown"
-            rows.append({"event": event.name, "calibration": event.calibration, "date": date, "files": files})
-    return rows
 
 
 def sequence(path, *, save=False):
@@ -372,18 +314,3 @@ def failed(calibration, source, error, configuration=location.OPERATIONAL):
         },
         "provenance": {"gravcal": keys.versions()["gravcal"]},
     }
-
-
-def save_event(calibration, source, document):
-    """Name of the event stored in the user's own catalogue with its manoeuvres and the digests of its files."""
-    known = record(calibration)
-    files = known.level_one_files(source)
-    digests = {file.name: archive.file_digest(file.path, file.member) for file in files}
-    first = date(2000, 1, 1) + timedelta(
-        days=(min((m["start"] for m in document["manoeuvres"]), default=0) / 86400) + 0.5
-    )
-    day, letters = date.fromisoformat(source.date) if source.date else first, tuple(source.satellite)
-    text = catalog.event_text(
-        calibration, known.design, letters, day, document["manoeuvres"], digests, document["origin"]
-    )
-    return catalog.save_event(source.event, text).name

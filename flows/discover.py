@@ -1,17 +1,27 @@
-"""Discovery: what the simulation of an event gets wrong, the cause, the extended model, the gain."""
+"""Discovery: what the simulation of an event gets wrong, the cause, the extended model, the gain.
+
+Also over many events of a satellite together, and what a new event changes.
+"""
 
 import contextlib
 import functools
 import itertools
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from flows import calibration as calibrations
+from flows import command
 from flows.calibration import Calibration, Discovery
 from flows.engine import flow
 from gravcal import catalog
-from gravcal.errors import ProductError
-from gravcal.store import results
+from gravcal.errors import NoDataError, ProductError, refuse
+from gravcal.store import location, results, store
 from tasks import common, discovery
+from tasks.stage import inline, lazy, using
+
+campaigns = lazy("flows.campaign")
+report = lazy("gravcal.report.joint")
+timeline = lazy("gravcal.browse.timeline")
 
 
 @dataclass(frozen=True)
@@ -30,7 +40,29 @@ def flow_of(name: str, shown: bool = False):
     one = STUDIES.get(name) or calibrations.load(name)
     if one.discovery is None:
         raise KeyError(name)
-    return flow(name=f"{name}_discovery")(functools.partial(_discover, one, shown))
+
+    @flow(name=f"{name}_discovery")
+    def discover(source, chosen):
+        """Causes of what a calibration leaves unexplained in one event."""
+        looked, event, results = one.discovery, {"event": source.event}, ()
+        if looked.together is not None:
+            return looked.together(source, chosen, shown)
+        records, products = _read(looked, source, chosen)
+        found = searched(one, source, chosen, shown, (records, products))
+        if looked.result is not None:
+            fixed = {"observations": looked.observations, "names": list(products)}
+            fixed |= {"records": records.kind, "settings": looked.settings(source, chosen)} | event
+            without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **fixed)
+            after = looked.result(source, chosen, without)
+            before = looked.result(source, chosen, records)  # last: latest/ leads to it
+            results = before, after
+        elif looked.again:
+            looked.baseline(source, chosen)  # last: latest/ leads to it
+        values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
+        named = {"calibration": one.name, "observations": looked.observations, "satellite": source.satellite} | event
+        return discovery.report(found, *results, **named, settings=values)
+
+    return discover
 
 
 def as_calibration(name: str, shown: bool = False) -> Calibration:
@@ -67,45 +99,87 @@ def _read(looked, source, chosen):
     return records, looked.built(source, chosen, records)
 
 
-def _discover(one: Calibration | Study, shown: bool, source, chosen):
-    """Causes of what a calibration leaves unexplained in one event."""
-    looked, event, results = one.discovery, {"event": source.event}, ()
-    if looked.together is not None:
-        return looked.together(source, chosen, shown)
-    records, products = _read(looked, source, chosen)
-    found = searched(one, source, chosen, shown, (records, products))
-    if looked.result is not None:
-        fixed = {"observations": looked.observations, "names": list(products)}
-        fixed |= {"records": records.kind, "settings": looked.settings(source, chosen)} | event
-        without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **fixed)
-        after = looked.result(source, chosen, without)
-        before = looked.result(source, chosen, records)  # last: latest/ leads to it
-        results = before, after
-    elif looked.again:
-        looked.baseline(source, chosen)  # last: latest/ leads to it
-    values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
-    named = {"calibration": one.name, "observations": looked.observations, "satellite": source.satellite} | event
-    return discovery.report(found, *results, **named, settings=values)
-
-
 def evidence_of(calibration: str) -> Calibration:
     """Calibration whose flow gives what an event tells a search over many events, as a campaign runs it."""
     one = calibrations.load(calibration)
-    told = functools.partial(_evidence, one)
-    status = {"status": "delivered"}
-    return replace(one, flow=flow(name=f"{one.name}_evidence")(told), document=lambda _: status, result=lambda _: ())
-
-
-def _evidence(one: Calibration, source, chosen):
     looked = one.discovery
-    products = looked.baseline(source, chosen)
-    settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
-    about = {"calibration": one.name, "observations": looked.observations, "names": list(products)}
-    told = []
-    for file in source.files(*looked.housekeeping) if looked.housekeeping else ():
-        with contextlib.suppress(ProductError):  # what cannot be read is not followed, which the search says
-            told.append(common.ingest(file, event=source.event))
-    return discovery.evidence(*products.values(), *told, **about, settings=settings, event=source.event)
+
+    @flow(name=f"{one.name}_evidence")
+    def evidence(source, chosen):
+        products, told = looked.baseline(source, chosen), []
+        settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
+        about = {"calibration": one.name, "observations": looked.observations, "names": list(products)}
+        for file in source.files(*looked.housekeeping) if looked.housekeeping else ():
+            with contextlib.suppress(ProductError):  # what cannot be read is not followed, which the search says
+                told.append(common.ingest(file, event=source.event))
+        return discovery.evidence(*products.values(), *told, **about, settings=settings, event=source.event)
+
+    return replace(one, flow=evidence, document=lambda _: {"status": "delivered"}, result=lambda _: ())
+
+
+def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=None, listener=None):
+    """(document, files, what has changed beyond its error since the last one) of a joint search, for each satellite.
+
+    All satellites and events if none is named; data are folders with Level-1 files of one day or many, None for
+    GRAVCAL_DATA; engine, workers and listener are those of a campaign.
+    """
+    sources = [one for folder in data or [None] for one in command.many_sources(name, satellite, folder)]
+    unknown = sorted(set(events) - {source.event for source in sources})
+    if unknown:
+        there = ", ".join(source.event for source in sources)
+        refuse(f"--events {','.join(unknown)}", "no such event", f"some of {there}", "Correct the names.", NoDataError)
+    sources = [source for source in sources if not events or source.event in events]
+    told = campaigns.run(campaigns.Campaign(name, chosen, engine, workers=workers, search="joint"), sources, listener)
+    owners, left_out = {}, {row["event"]: row["error"] for row in told["events"] if "report" not in row}
+    for source, row in zip(sources, told["events"], strict=True):
+        if "report" in row:
+            owners.setdefault(source.satellite, []).append(row)
+    left_out |= {rows[0]["event"]: "the only one of its satellite" for rows in owners.values() if len(rows) < 2}
+    found = [_of_one(name, one, rows, chosen, left_out) for one, rows in sorted(owners.items()) if len(rows) > 1]
+    if not found:
+        reasons = "; ".join(f"{event} ({reason})" for event, reason in left_out.items())
+        refuse(f"{name} --joint", f"no two events of a satellite, not {reasons}", "two", "Give more data.")
+    return found
+
+
+def _of_one(name, satellite, rows, chosen, left_out):
+    """Document, files and changes of the search over the events of one satellite, or of one pair."""
+    one, letter = calibrations.load(name), satellite[0]
+    settings = {"configuration": chosen.configuration, "left_out": left_out}
+    about = {"event": owner(one, satellite), "satellite": satellite, "calibration": name}
+    last = store.newest_record(about["event"], f"{name}.joint")
+    before = (last and location.read_json(store.folder_of(last["key"]) / "joint.json")) or {}
+    with using(inline):
+        ref = discovery.joint(
+            *(store.find(Path(row["report"]).name) for row in rows),
+            events=[row["event"] for row in rows],
+            history=history(one, letter),
+            settings=settings,
+            **one.discovery.chosen_for(chosen)[1],
+            **about,
+        )
+    files = [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
+    after = location.read_json(ref.folder / "joint.json")
+    return after, files, report.changes(before, after)
+
+
+def owner(one, satellite):
+    """Name of what the events of a calibration are of: a satellite, or a pair."""
+    return catalog.satellite(satellite).name if len(satellite) == 1 else f"{one.mission}-{satellite.lower()}"
+
+
+def history(one, letter):
+    """Trims and printed values of a satellite as plain records, times in GPS s."""
+    seconds = lambda day: (day - timeline.EPOCH).total_seconds()  # noqa: E731
+    trims = [
+        {"date": str(t.date), "axis": t.axis, "size": t.trim_um, "confirmed": t.confirmed}
+        for t in (timeline.trims(letter) if one.trims else ())
+    ]
+    printed = [
+        {"time": seconds(p.date), "parameter": p.panel, "value": p.value, "sigma": p.sigma}
+        for p in timeline.printed_points(one, letter)
+    ]
+    return {"trims": trims, "printed": printed}
 
 
 def names() -> tuple[str, ...]:

@@ -4,6 +4,7 @@ report/      pages, documents and models, by stage       provenance.json   what 
 products/    netCDF files, by stage                      CITATION.cff      this result, its data and its papers
 """
 
+import contextlib
 import json
 import zipfile
 from datetime import date
@@ -78,15 +79,21 @@ def citation(event: str, configuration: str, reports: list) -> str:
     """Citation File Format 1.2.0 of the results of an event: the measured data and the papers they rest on."""
     raw = [one for report in reports for one in history.raw_files(report.ref.key)]
     levels = sorted({(MISSIONS[one["satellite"]], one["product"][-2:]) for one in raw if one["satellite"] in MISSIONS})
-    simulated = any(_origin(one) != "measured" for one in reports)
+    simulated = any(housekeeping.content(one).attrs.get("origin", "measured") != "measured" for one in reports)
     cited = [] if simulated else [DATA[one] for one in levels if one in DATA]
     references = [
         {"type": "data", "title": title, "authors": [{"name": publisher}]} | ({"doi": doi} if doi else {})
         for title, publisher, doi in cited
     ]
+    dois = set()
+    for calibration in {report.ref.kind.partition(".")[0] for report in reports}:
+        with contextlib.suppress(CatalogError):  # nothing of it was printed
+            printed = (one for records in catalog.published(calibration).values() for one in records)
+            dois |= {one.source.partition(",")[0] for one in printed}
     references += [
         {"type": "article", "title": f"doi:{doi}", "authors": [{"name": "as the DOI says"}], "doi": doi}
-        for doi in sorted({doi for report in reports for doi in _papers(report.ref.kind.partition(".")[0])})
+        for doi in sorted(dois)
+        if doi.startswith("10.")
     ]
     found = {
         "cff-version": "1.2.0",
@@ -101,16 +108,3 @@ def citation(event: str, configuration: str, reports: list) -> str:
     }
     text = yaml.safe_dump(found | ({"references": references} if references else {}), sort_keys=False, width=1000)
     return text + ("# The data are simulated: there is none to cite.\n" if simulated else "")
-
-
-def _papers(calibration):
-    try:
-        sections = catalog.published(calibration)
-    except CatalogError:
-        return set()
-    dois = {one.source.partition(",")[0] for records in sections.values() for one in records}
-    return {doi for doi in dois if doi.startswith("10.")}
-
-
-def _origin(report):
-    return housekeeping.content(report).attrs.get("origin", "measured")

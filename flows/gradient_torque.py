@@ -25,7 +25,10 @@ TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the l
 @flow(name="gradient_torque")
 def calibrate(source, chosen):
     """Drag by two sensors and by one, as printed and as it should be."""
-    methods = _methods(source, chosen)
+    places = daily.sensor_positions(daily.sgrs_file(source.folder, source.date))
+    place = places[min(chosen.single_sensor, len(places)) - 1]  # two sensors need two, the printed one no zero
+    methods = ["two_sensor"] * (len(places) == 2) + ["one_sensor_published"] * (np.abs(place).min() > 1e-9)
+    methods.append("one_sensor")
     recorded, field = _recorded(source, chosen)
     solved = functools.partial(_solved, field=field, chosen=chosen, methods=methods)
     observed, moved = DISCOVERY.taken_out(source, chosen, recorded, solved)
@@ -54,14 +57,6 @@ def _recorded(source, chosen):
     observed = gradient_torque.ingest(daily.sgrs_file(source.folder, source.date), event=source.event)
     file = daily.other_file(icgem.located(chosen.field), "GFC", source.date)
     return observed, gradient_torque.field(file, event=source.event, variant="")
-
-
-def _methods(source, chosen):
-    """Methods that the file allows: two sensors need two, the printed one needs places without a zero."""
-    places = daily.sensor_positions(daily.sgrs_file(source.folder, source.date))
-    two = ["two_sensor"] if len(places) == 2 else []
-    place = places[min(chosen.single_sensor, len(places)) - 1]
-    return [*two, *(["one_sensor_published"] if np.abs(place).min() > 1e-9 else []), "one_sensor"]
 
 
 def _solved(observed, field, chosen, methods, suffix=""):

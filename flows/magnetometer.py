@@ -18,22 +18,14 @@ def calibrate(source, chosen):
     found = estimated(chosen, records)
     checked = magnetometer.checks(records, found, **chosen.for_stage("checks"))
     found = magnetometer.model_error(found, *moved) if moved else found
-    published = [beside(source, chosen, records, found, file) for file in others(source)]
+    published = []
+    for file in cdf.files(source.folder, source.satellite, source.date):  # calibrated field of others less ours
+        _, camera, orbit = _observed(source)
+        theirs = magnetometer.theirs(file, event=source.event)
+        settings = chosen.for_stage("estimate") | chosen.for_stage("align")
+        published.append(magnetometer.beside(records, found, camera, orbit, theirs, **settings))
     reported = (found, records, checked, *published)
     return magnetometer.report(*reported, event=source.event, settings=chosen.for_report())
-
-
-def others(source):
-    """Files with the calibrated field of others."""
-    return cdf.files(source.folder, source.satellite, source.date)
-
-
-def beside(source, chosen, records, found, file):
-    """Calibrated field of others less ours."""
-    _, camera, orbit = _observed(source)
-    theirs = magnetometer.theirs(file, event=source.event)
-    settings = chosen.for_stage("estimate") | chosen.for_stage("align")
-    return magnetometer.beside(records, found, camera, orbit, theirs, **settings)
 
 
 def _observed(source):

@@ -285,25 +285,23 @@ def table(heads, rows):
     numbers = [
         bool(rows) and all(isinstance(row[column], (int, float)) for row in rows) for column in range(len(heads))
     ]
+    painted = sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
     for count, row in enumerate(cells):
         texts = [
             cell.rjust(width) if right else cell.ljust(width)
             for cell, width, right in zip(row, widths, numbers, strict=True)
         ]
         texts[-1] = texts[-1].rstrip()
-        say("  ".join(_painted(text, count == 0) for text in texts).rstrip())
+        if painted:  # in bold or the colour of its word
+            colours = [COLOURS.get(text.strip()) for text in texts]
+            pairs = zip(texts, colours, strict=True)
+            texts = [typer.style(t, fg=c, bold=count == 0) if c or count == 0 else t for t, c in pairs]
+        say("  ".join(texts).rstrip())
 
 
 def named(rows, *names):
     """Table of dicts, a column for each of these keys."""
     table(names, [[row[name] for name in names] for row in rows])
-
-
-def _painted(text, bold):
-    """Text in bold or the colour of its word, on a terminal that shows colours and whose user wants them."""
-    colour = COLOURS.get(text.strip())
-    plain = not sys.stdout.isatty() or os.environ.get("NO_COLOR") or os.environ.get("TERM") == "dumb"
-    return text if plain or not (bold or colour) else typer.style(text, fg=colour, bold=bold)
 
 
 def error(problem):

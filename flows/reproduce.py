@@ -41,8 +41,17 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
     folder = data or out / "data"
     if made:
         invent(name, folder, out / "dates", out)
-    elif data is None:
-        _fetch(paper, _dates(one, paper), folder, (place, listener, fetch.Patience(tell=tell)))
+    elif data is None:  # the days, without which it cannot be made, and those dates of its tables that there are
+        days, dates = [(paper["letters"], day) for day in paper["days"]], [row[:2] for row in _dates(one, paper)]
+        for wanted in (days, dates):
+            of_days = [fetch.of_day(letters, datetime.date.fromisoformat(day)) for letters, day in wanted]
+            try:
+                every = list(dict.fromkeys(sum(of_days, [])))
+                fetch.fetch(every, folder, place, listener, fetch.Patience(tell=tell))
+            except GravcalError as error:
+                if wanted is days:
+                    raise
+                engine.warn(f"dates left out: {error}")
     date = paper["days"][0] if paper["public"] and len(paper["days"]) == 1 else None
     with other_store(str(out / "store")):  # simulated days bear the names of measured ones
         found = {run: [_run(one, paper, run, folder, paper["satellite"], date, out / run)] for run in RUNS}
@@ -84,7 +93,8 @@ def _run(one, paper, run, folder, satellite, date, out=None):
     name = run if run == "as_printed" and paper["as_printed"] else None
     chosen = configurations.record(command.configured(one.name, settings, None, name))
     source = command.source(one.name, None, folder, satellite, date)
-    document, ref = command.calibrate(one.name, source, chosen, "inline")
+    ref = command.made(one.flow, source, chosen, "inline")
+    document = one.document(ref)
     if document["status"] not in ("delivered", "questionable"):
         wanted = "a result. See its report, and try another archive."
         raise ProductError(f"{paper['title']}: found {document['status']} in {folder}, expected {wanted}")
@@ -116,19 +126,6 @@ def _dates(one, paper):
                 seen.add((letter, day))
                 truth = {item["truth"]: ",".join(map(str, record.value)), "satellite": letter, "date": day}
                 yield letter, day, seed, paper["simulate"] | item["simulate"] | truth
-
-
-def _fetch(paper, dates, folder, how):
-    """Bring the days of a paper, without which it cannot be made, and those dates of its tables that there are."""
-    days = [(paper["letters"], day) for day in paper["days"]]
-    for wanted, needed in ((days, True), ([one[:2] for one in dates], False)):
-        of_days = [fetch.of_day(letters, datetime.date.fromisoformat(day)) for letters, day in wanted]
-        try:
-            fetch.fetch(list(dict.fromkeys(sum(of_days, []))), folder, *how)
-        except GravcalError as error:
-            if needed:
-                raise
-            engine.warn(f"dates left out: {error}")
 
 
 def _compared(one, item, found):

@@ -16,8 +16,7 @@ from prefect.context import get_run_context
 from prefect.states import Completed, Failed
 from prefect.task_runners import ThreadPoolTaskRunner
 
-from flows import campaign, command
-from flows import joint as watching
+from flows import campaign, command, discover
 from flows.calibration import load
 from flows.engine import server
 from gravcal.errors import GravcalError
@@ -104,34 +103,31 @@ def _campaign(calibration, satellite, data, settings, workers, joint):
             prefect.task(lambda: campaign.state_of([row]), **how)(return_state=True)
 
     summary = campaign.run(campaign.Campaign(calibration, chosen, "flow", None, workers), sources, listener)
-    _show(summary)
+    key, (rows, left_out) = campaign.slug(calibration), campaign.table(summary["events"])
+    shown, description = [_table_row(row) for row in rows], f"Events and their values{left_out}"
+    create_table_artifact(table=shown, key=f"{key}-values", description=description)
+    links = [f"- [{row['event']}]({link})" for row in rows for link in _links(row)]
+    if links:
+        create_markdown_artifact("\n".join(links), key=f"{key}-reports", description="Reports of the events")
     if joint and load(calibration).discovery is not None:
         _together(calibration, satellite, data, chosen, workers)
-    return _state(summary)
+    message = ", ".join(f"{status}: {count}" for status, count in sorted(summary["counts"].items()))
+    if summary["status"] == "failed":
+        return Failed(message=message)
+    return Completed(name=summary["status"].replace("_", " ").capitalize(), message=message)
 
 
 def _together(calibration, satellite, data, chosen, workers):
     """Bring the models of the satellites up to date; a note beside the run says what changed beyond its error."""
     found, lines, data = [], [], Path(data) if data else None
     try:
-        found = watching.joint(calibration, satellite, data and [data], chosen, engine="flow", workers=workers)
+        found = discover.joint(calibration, satellite, data and [data], chosen, engine="flow", workers=workers)
     except GravcalError as error:  # too few events, say: no failure of the campaign
         lines.append(str(error))
     for document, files, changes in found:
         lines += ["", f"{document['event']}: {document['verdict']['text']}", "", *(f"- changed: {t}" for t in changes)]
         lines += [f"- [{path.name}]({_address(path)})" for path in files if path.suffix == ".html"]
     create_markdown_artifact("\n".join(lines), key=f"{campaign.slug(calibration)}-joint", description=TOGETHER)
-
-
-def _show(summary):
-    key = campaign.slug(summary["calibration"])
-    rows, left_out = campaign.table(summary["events"])
-    shown = [_table_row(row) for row in rows]
-    description = f"Events and their values{left_out}"
-    create_table_artifact(table=shown, key=f"{key}-values", description=description)
-    links = [f"- [{row['event']}]({link})" for row in rows for link in _links(row)]
-    if links:
-        create_markdown_artifact("\n".join(links), key=f"{key}-reports", description="Reports of the events")
 
 
 def _table_row(row):
@@ -152,10 +148,3 @@ def _address(page):
     """Address of a page of the store: where it is served, otherwise the file itself."""
     served, inside = os.environ.get(REPORTS), page.resolve().relative_to((location.folder() / "objects").resolve())
     return served.format(inside.as_posix()) if served else page.resolve().as_uri()
-
-
-def _state(summary):
-    message = ", ".join(f"{status}: {count}" for status, count in sorted(summary["counts"].items()))
-    if summary["status"] == "failed":
-        return Failed(message=message)
-    return Completed(name=summary["status"].replace("_", " ").capitalize(), message=message)

@@ -162,6 +162,9 @@ def satellite(name):
     return Satellite(key, **heading, quantities=quantities)
 
 
+_satellite = satellite  # where a parameter hides it
+
+
 def _quantity(table, path, key):
     value = _value(table["value"], path, f"{key}.value")
     sigma = None if table["sigma"] == "unknown" else _value(table["sigma"], path, f"{key}.sigma")
@@ -199,6 +202,12 @@ def event(name):
     end_date = _date(content, "end_date") or date
     flown = design(content["design"])
     members = tuple(satellite(member) for member in content["satellites"])
+    for one in content["found"]:
+        if not one["stop"] > one["start"]:
+            _wrong(path, "found.stop", one["stop"], f"later than start {one['start']}", "Correct the times.")
+    found = [
+        (one["kind"], float(one["start"]), float(one["stop"]), one.get("satellite", "")) for one in content["found"]
+    ]
     return Event(
         name=name,
         calibration=content["calibration"],
@@ -212,7 +221,7 @@ def event(name):
         note=content.get("note", ""),
         designed=flown.manoeuvres,
         printed=tuple(content.get("printed", [])),
-        found=tuple(_found(table, path) for table in content["found"]),
+        found=tuple(Manoeuvre(*one) for one in found),
         raw_files=() if date is None else _raw_files(content, flown.products, members, (date, end_date)),
         origin=content.get("origin", ""),
     )
@@ -235,26 +244,15 @@ def event_origin(name):
 
 def events(satellite=None, calibration=None):
     """Events of the catalogue of a satellite (letter or name) and calibration, by date, those of unknown date last."""
-    wanted = None if satellite is None else _name_of(satellite)
+    wanted = satellite and _satellite(satellite).name
     every = [event(name) for name in names("events")]
     every = [one for one in every if wanted in (None, *one.satellites) and calibration in (None, one.calibration)]
     return tuple(sorted(every, key=lambda one: (one.date or datetime.date.max, one.name)))
 
 
-def _name_of(member):
-    """Name of a satellite; the parameter of `events` hides the function."""
-    return satellite(member).name
-
-
 def _date(content, key):
     date = content.get(key, "unknown")
     return None if date == "unknown" else datetime.date.fromisoformat(str(date))
-
-
-def _found(table, path):
-    if not table["stop"] > table["start"]:
-        _wrong(path, "found.stop", table["stop"], f"later than start {table['start']}", "Correct the times.")
-    return Manoeuvre(table["kind"], float(table["start"]), float(table["stop"]), table.get("satellite", ""))
 
 
 def _raw_files(content, designed, members, span):
@@ -355,8 +353,11 @@ def published(calibration, event=None):
     for table in tables.values():
         if table["calibration"] == calibration:
             file = find("published", table["file"], suffix="")
-            records = _parsed(file, file.read_text(encoding="utf-8"), json.dumps(table))
-            sections.setdefault(table["section"], []).extend(records)
+            rows = csv.DictReader(io.StringIO(file.read_text(encoding="utf-8")))
+            wanted = (*table["labels"], *table["value"], *table["sigma"])
+            if missing := [name for name in wanted if name not in (rows.fieldnames or [])]:
+                _wrong(file, "header", rows.fieldnames, f"also {', '.join(missing)}", "Correct tables.toml.")
+            sections.setdefault(table["section"], []).extend(_record(row, table) for row in rows)
     if not sections:
         known = sorted({table["calibration"] for table in tables.values()})
         raise _unknown("calibration with published values", calibration, known, where="catalogue")
@@ -370,18 +371,8 @@ def published(calibration, event=None):
 def trims(satellite=None):
     """Mass trims by date, of a satellite (letter or name) or of all."""
     _, content = read("published", "trims")
-    wanted = None if satellite is None else _name_of(satellite)
+    wanted = satellite and _satellite(satellite).name
     return tuple(Trim(**table) for table in content["trim"] if wanted in (None, table["satellite"]))
-
-
-@lru_cache(maxsize=64)
-def _parsed(path, text, table):
-    """Records of the text of a CSV file; a campaign asks for them with every event."""
-    table, rows = json.loads(table), csv.DictReader(io.StringIO(text))
-    missing = [c for c in (*table["labels"], *table["value"], *table["sigma"]) if c not in (rows.fieldnames or [])]
-    if missing:
-        _wrong(path, "header", rows.fieldnames, f"also {', '.join(missing)}", "Correct tables.toml.")
-    return tuple(_record(row, table) for row in rows)
 
 
 def _record(row, table):

@@ -97,7 +97,11 @@ def figure(wish: Wish) -> dict:
         ends = [_drawn(one.whole.x[[0, -1]] + one.shift, kind) for one in traces] or [(0.0, 1.0)]
         low, high = np.min(ends), np.max(ends)
         drawn.x_range.update(start=low, end=high, reset_start=low, reset_end=high)
-        said = _said(traces)
+        said = "The two products do not overlap. Count both from their start, or choose another."
+    if wish.view != "spectrum" and traces:
+        count, gaps = sum(one.whole.x.size for one in traces), 1 - min(one.whole.filled() for one in traces)
+        said = f"{count:,} samples in {len(traces)} series; a point stands for the range of all samples it covers"
+        said += f'. Gaps fill {100 * gaps:.0f} % of the axis: tick "without gaps".' if gaps > GAPS else ""
     for number, (one, (x, y, *_)) in enumerate(zip(traces, curves, strict=True)):
         name = "spectrum" if wish.view == "spectrum" else "line"
         source = ColumnDataSource({"x": x, "y": y}, name=f"{name}-{number}")
@@ -113,8 +117,9 @@ def data(wish: Wish, start: float, stop: float) -> dict[str, dict[str, str]]:
     traces, kind, _, _ = _traces(wish)
     bounds = [(_undrawn(start, kind) - one.shift, _undrawn(stop, kind) - one.shift) for one in traces]
     views = [series.view(one.whole, *bound) for one, bound in zip(traces, bounds, strict=True)]
+    packed = lambda values: base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode()  # noqa: E731
     return {
-        f"line-{number}": {"x": _packed(_drawn(x + one.shift, kind)), "y": _packed(_drawn(y, one.kind))}
+        f"line-{number}": {"x": packed(_drawn(x + one.shift, kind)), "y": packed(_drawn(y, one.kind))}
         for number, (one, (x, y)) in enumerate(zip(traces, views, strict=True))
     }
 
@@ -149,8 +154,14 @@ def _traces(wish):
     traces = [_trace(own, variable, number, 0, wish) for number in numbers]
     if wish.other:
         other, second = _asked(wish.other, wish.variable)
-        more = [_trace(other, second, number, 1, wish) for number in numbers if number < len(second.columns)]
-        traces = _differences(traces, more, wish) if wish.view == "difference" else traces + more
+        traces += [_trace(other, second, number, 1, wish) for number in numbers if number < len(second.columns)]
+    if wish.other and wish.view == "difference":
+        pairs, traces = zip(traces[: len(numbers)], traces[len(numbers) :], strict=False), []
+        for one, two in pairs:
+            shift = float(one.whole.x[0] - two.whole.x[0]) if wish.from_start else 0.0
+            x, y = series.difference(one.whole, two.whole, shift)
+            names = " - ".join(dict.fromkeys(trace.label[2:] for trace in (one, two)))
+            traces += [Trace(f"A - B {names}", series.Series(x, y), one.shift, 0, one.column)] if x.size else []
     if wish.from_start and coordinate:
         kind, label = "value", "time since the start (s)" if kind == "time" else f"{label}, from its start"
     return traces, kind, label, f"{variable.name} ({variable.units or '1'})"
@@ -183,19 +194,6 @@ def _trace(path, variable, number, product, wish):
     return Trace(mark, whole, -float(whole.x[0]) if wish.from_start else 0.0, product, number, kind)
 
 
-def _differences(first, second, wish):
-    """Lines of the first product minus those of the second."""
-    found = []
-    for one, other in zip(first, second, strict=False):
-        shift = float(one.whole.x[0] - other.whole.x[0]) if wish.from_start else 0.0
-        x, y = series.difference(one.whole, other.whole, shift)
-        if x.size:
-            whole = series.Series(x, y)
-            names = dict.fromkeys(trace.label[2:] for trace in (one, other))
-            found.append(Trace(f"A - B {' - '.join(names)}", whole, one.shift, 0, one.column))
-    return found
-
-
 def _empty(kind, along, values="value"):
     """Figure without lines; a cross-hair shows values."""
     axes = {"time": {"x_axis_type": "datetime"}, "log": {"x_axis_type": "log", "y_axis_type": "log"}}.get(kind, {})
@@ -210,16 +208,6 @@ def _empty(kind, along, values="value"):
     return drawn
 
 
-def _said(traces):
-    """How many samples stand behind the picture."""
-    if not traces:
-        return "The two products do not overlap. Count both from their start, or choose another."
-    count = sum(one.whole.x.size for one in traces)
-    said = f"{count:,} samples in {len(traces)} series; a point stands for the range of all samples it covers"
-    gaps = 1 - min(one.whole.filled() for one in traces)
-    return f'{said}. Gaps fill {100 * gaps:.0f} % of the axis: tick "without gaps".' if gaps > GAPS else said
-
-
 def _drawn(x, kind):
     """Coordinate as the axis draws it: milliseconds for time."""
     return (x + series.UNIX_OF_EPOCH_S) * 1e3 if kind == "time" else x
@@ -228,11 +216,6 @@ def _drawn(x, kind):
 def _undrawn(x, kind):
     """Coordinate of a place on the axis."""
     return x / 1e3 - series.UNIX_OF_EPOCH_S if kind == "time" else x
-
-
-def _packed(values):
-    """Doubles as base64."""
-    return base64.b64encode(np.ascontiguousarray(values, dtype="<f8").tobytes()).decode()
 
 
 def over_years(calibration, satellite: str) -> dict | None:

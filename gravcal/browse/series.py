@@ -198,7 +198,13 @@ def view(whole, start=None, stop=None, bins=BINS):
     """
     inside = _inside(whole.x, start, stop)
     x, y = whole.x[inside], whole.y[inside]
-    return _broken(*(_ranges(x, y, bins, GAP * whole.step) if x.size > 2 * bins else (x, y)))
+    if x.size > 2 * bins:  # lowest and highest value of each bin, at its first coordinate; none reaches over a gap
+        gaps = np.flatnonzero(np.diff(x) > GAP * whole.step) + 1
+        starts = np.linspace(0, x.size, bins, endpoint=False).astype(int)
+        starts = np.unique(np.concatenate([starts, gaps[:bins]]))
+        y = np.column_stack([np.fmin.reduceat(y, starts), np.fmax.reduceat(y, starts)]).ravel()
+        x = np.repeat(x[starts], 2)
+    return opened(x, y, GAP * _typical(x)) if x.size > 2 else (x, y)
 
 
 def samples(whole, start=None, stop=None, most=LONGEST):
@@ -231,7 +237,10 @@ def spectrum(whole):
     Frequency (m,), Hz where the coordinate is in seconds; density (m,), unit Hz-1/2; and what was used, in words.
     """
     x, y = whole.x[:LONGEST], whole.y[:LONGEST]
-    first, last = _longest_even(x, y)
+    uneven, known = np.abs(np.diff(x) / _typical(x) - 1) > 0.01, np.isfinite(y)
+    cuts = np.flatnonzero(uneven | ~known[1:] | ~known[:-1]) + 1
+    edges = np.concatenate([[0], cuts, [x.size]])
+    first, last = edges[(longest := int(np.argmax(np.diff(edges)))) : longest + 2].tolist()
     count = last - first
     if count < 16:
         return np.empty(0), np.empty(0), "no even stretch of 16 samples"
@@ -250,35 +259,9 @@ def _inside(x, start, stop):
     return slice(first, max(last, first))
 
 
-def _ranges(x, y, bins, gap):
-    """Lowest and highest value of each bin, at its first coordinate, lowest first; no bin reaches over a gap."""
-    starts = np.linspace(0, x.size, bins, endpoint=False).astype(int)
-    gaps = np.flatnonzero(np.diff(x) > gap) + 1
-    starts = np.unique(np.concatenate([starts, gaps[:bins]]))
-    pairs = np.column_stack([np.fmin.reduceat(y, starts), np.fmax.reduceat(y, starts)])
-    return np.repeat(x[starts], 2), pairs.ravel()
-
-
-def _broken(x, y):
-    """Series with NaN put in where the coordinate jumps, so that no line bridges a gap."""
-    return opened(x, y, GAP * _typical(x)) if x.size > 2 else (x, y)
-
-
 def _typical(x):
     """Typical step of a coordinate, of some 100,000 at the most; those of zero length do not count."""
     some = np.arange(0, x.size - 1, max(1, x.size // 100_000))
     steps = x[some + 1] - x[some]
     steps = steps[steps > 0]
     return float(np.median(steps)) if steps.size else np.inf
-
-
-def _longest_even(x, y):
-    """Longest stretch of finite samples with equal steps."""
-    if x.size < 2:
-        return 0, 0
-    steps = np.diff(x)
-    typical = _typical(x)
-    cuts = np.flatnonzero((np.abs(steps - typical) > 0.01 * typical) | ~np.isfinite(y[1:]) | ~np.isfinite(y[:-1])) + 1
-    edges = np.concatenate([[0], cuts, [x.size]])
-    longest = int(np.argmax(np.diff(edges)))
-    return int(edges[longest]), int(edges[longest + 1])

@@ -4,6 +4,7 @@ import functools
 from dataclasses import dataclass
 
 from gravcal import catalog
+from gravcal.report.documents import WITH_RESULT
 from gravcal.store import history, housekeeping, location, product, store
 from gravcal.store.product import MEASURED, origins_together
 
@@ -112,8 +113,8 @@ def chain(event, configuration=location.OPERATIONAL, flow=None) -> list[Node]:
     """
     runs = [run for run in history.runs() if (run["event"], run["configuration"]) == (event, configuration)]
     runs = [run for run in runs if flow in (None, run["flow"])]
-    states = {name: one["state"] for run in runs for name, one in run["stages"].items()}
-    keys = {name: one["key"] for run in runs for name, one in run["stages"].items()}
+    stages = {name: one for run in runs for name, one in run["stages"].items()}
+    keys = {name: one["key"] for name, one in stages.items()}
     known = {one.ref.key: one for one in entries()}
     waiting = [one for one in known.values() if configuration in one.configurations and one.ref.event == event]
     if flow and set(keys.values()) & set(known):
@@ -126,7 +127,7 @@ def chain(event, configuration=location.OPERATIONAL, flow=None) -> list[Node]:
         below = [known[key] for key in (part.get("key") for part in one.record["from"]) if key in known]
         below = [equal.get((part.ref.stage, part.ref.digest), part) for part in below]
         waiting += [part for part in below if part.ref.key not in nodes]
-        state = states.get(one.ref.stage, "stored") if keys.get(one.ref.stage) == one.ref.key else "stored"
+        state = stages[one.ref.stage]["state"] if keys.get(one.ref.stage) == one.ref.key else "stored"
         nodes[one.ref.key] = Node(one.ref.stage, one.ref.key, state, one, tuple(part.ref.key for part in below))
     attempts = [run.get("attempt", run) for run in runs]
     failed = [Node(run["failed"], "", "failed", None, ()) for run in attempts if run.get("failed")]
@@ -202,7 +203,16 @@ def _result(event, calibration, own, runs):
     report = next((one for one in own if one.ref.stage == f"{calibration}.report"), None)
     run = runs.get((event, calibration))
     found = document(report) if report else None
-    state, mood, said = _state(found, run)
+    if run and run["status"] == "failed":
+        state, mood, said = "failed", "bad", run.get("error", "")
+    elif found is None:
+        state, mood, said = "no report", "plain", "no report of this configuration is in the store"
+    else:  # a verdict is good, bad, or says nothing of the kind: accuracy, consistency, and the requirement
+        verdict, state = found.get("verdict") or {}, str(found.get("status", "")).replace("_", " ")
+        marks = [verdict.get(name) for name in ("accuracy_met", "consistent")]
+        bad = state == "questionable" or False in marks or "exceeds" in (verdict.get("requirement") or ())
+        mood = "plain" if state not in WITH_RESULT else "bad" if bad else "good" if True in marks else "plain"
+        said = verdict.get("text", "")
     together = [path for one in own if (path := file(one, "joint.json"))]
     if together and not report:
         state, said = "all events", _json(together[-1])["verdict"]["text"]
@@ -210,30 +220,5 @@ def _result(event, calibration, own, runs):
     told = found["origin"] if found and "origin" in found else origins_together(origin(one.ref.path) for one in made_of)
     made = max([one.record["made"] for one in own] + ([run["started"]] if run else []), default="")
     names = {"event": event, "calibration": calibration, "state": state, "mood": mood, "said": said, "made": made}
-    return names | {
-        "origin": told or MEASURED,
-        "products": len(own),
-        "report": report,
-        "run": run,
-        "document": found,
-        "fails": [one for one in (found or {}).get("checks") or () if not one["passed"]],
-    }
-
-
-def _state(document, run):
-    """State in words, its mood, and the verdict or reason."""
-    if run and run["status"] == "failed":
-        return "failed", "bad", run.get("error", "")
-    if document is None:
-        return "no report", "plain", "no report of this configuration is in the store"
-    verdict, status = document.get("verdict") or {}, str(document.get("status", "")).replace("_", " ")
-    mood = {"questionable": "bad", "delivered": _mood(verdict)}.get(status, "plain")
-    return status, mood, verdict.get("text", "")
-
-
-def _mood(verdict):
-    """Whether a verdict is good, bad, or says nothing of the kind: accuracy, consistency, and the requirement."""
-    marks = [verdict.get(name) for name in ("accuracy_met", "consistent")]
-    if False in marks or "exceeds" in (verdict.get("requirement") or ()):
-        return "bad"
-    return "good" if True in marks else "plain"
+    names |= {"origin": told or MEASURED, "products": len(own), "report": report, "run": run, "document": found}
+    return names | {"fails": [one for one in (found or {}).get("checks") or () if not one["passed"]]}

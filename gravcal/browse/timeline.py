@@ -82,12 +82,14 @@ def printed_points(calibration, satellite: str) -> list[Point]:
     sections, found = catalog.published(calibration.name) if calibration.printed else {}, []
     for section, values in calibration.printed.items():
         for one in sections.get(section, ()):
-            date = _printed_date(one, name)
-            rows = values(one) if date else ()
-            event = one.events[0] if one.events else ""
-            found += [
-                Point(satellite, *row[:2], date, *row[2:4], event, "printed", f"{row[4]}{one.source}") for row in rows
-            ]
+            own = [event for event in one.events if event.startswith(name)]
+            if one.labels.get("satellite", name) != name or (one.events and not own):
+                continue
+            date = re.search(r"\d{4}-\d{2}(-\d{2})?", one.labels.get("date") or (own[0] if own else ""))
+            if date:
+                when = datetime.datetime.fromisoformat(date.group() + ("" if date.group(1) else "-01"))
+                about = one.events[0] if one.events else "", "printed"
+                found += [Point(satellite, *r[:2], when, *r[2:4], *about, f"{r[4]}{one.source}") for r in values(one)]
     return found
 
 
@@ -95,11 +97,9 @@ def levels(calibration) -> dict[str, tuple[float, str]]:
     """Printed orders of magnitude without a date: value and text by panel."""
     if not calibration.levels:
         return {}
-    scalars = {one.name: one.value[0] for one in catalog.published(calibration.name)["scalars"]}
-    return {
-        panel: (scalars[name], f"printed: order of {scalars[name]:.0e} m s-2")
-        for panel, name in calibration.levels.items()
-    }
+    known = {one.name: one.value[0] for one in catalog.published(calibration.name)["scalars"]}
+    said = "printed: order of {:.0e} m s-2"
+    return {panel: (known[name], said.format(known[name])) for panel, name in calibration.levels.items()}
 
 
 def trims(satellite: str):
@@ -125,12 +125,3 @@ def _date(document, event):
         return EPOCH + datetime.timedelta(seconds=min(starts))
     found = re.search(r"\d{4}-\d{2}-\d{2}", event)
     return datetime.datetime.fromisoformat(found.group()) if found else EPOCH
-
-
-def _printed_date(one, name):
-    """Date of a printed value if it belongs to a satellite, else None: its own, else that of its event."""
-    own = [event for event in one.events if event.startswith(name)]
-    if one.labels.get("satellite", name) != name or (one.events and not own):
-        return None
-    found = re.search(r"\d{4}-\d{2}(-\d{2})?", one.labels.get("date") or (own[0] if own else ""))
-    return datetime.datetime.fromisoformat(found.group() + ("" if found.group(1) else "-01")) if found else None

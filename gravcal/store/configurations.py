@@ -48,7 +48,14 @@ def chosen(calibration, given, name=None):
     if name == OPERATIONAL:
         remedy = "They make an experiment: give it another name, and make it operational with gravcal promote."
         _refuse(calibration, name, "--set or --model", "none", remedy)
-    name = name or _name_of(changed)
+    if not name and changed:  # readable, and the same for the same change
+        digest = hashlib.sha256(json.dumps(changed, sort_keys=True).encode()).hexdigest()[:8]
+        causes = lambda model: "+".join(dict.fromkeys(one["cause"] for one in json.loads(model)))  # noqa: E731
+        parts = {n: causes(v) if n == "model" else json.dumps(v).strip('"') for n, v in changed.items()}
+        plain = ",".join(f"{n}-{text}" for n, text in parts.items())
+        clean = re.sub(r"[^A-Za-z0-9._,+-]+", "_", plain)[:60].rstrip("_,")
+        name = clean if clean == plain and "model" not in changed else f"{clean}-{digest}"
+    name = name or CATALOGUE
     known = _recorded(calibration, name)
     if known is not None and known["settings"] != changed or name == CATALOGUE and changed:
         was = ", ".join(said(known["settings"] if known else {}))
@@ -190,21 +197,6 @@ def _with(catalogue, settings, name):
     except CatalogError as error:
         remedy = f"Or promote the catalogue: gravcal promote {catalogue.calibration} {CATALOGUE} --why TEXT."
         _refuse(catalogue.calibration, name, str(error), "settings of this catalogue", remedy)
-
-
-def _name_of(changed):
-    """Name made of a change: readable, and the same for the same change."""
-    if not changed:
-        return CATALOGUE
-    digest = hashlib.sha256(json.dumps(changed, sort_keys=True).encode()).hexdigest()[:8]
-    parts = [f"{n}-{_causes(v) if n == 'model' else json.dumps(v).strip(chr(34))}" for n, v in changed.items()]
-    plain = ",".join(parts)
-    clean = re.sub(r"[^A-Za-z0-9._,+-]+", "_", plain)[:60].rstrip("_,")
-    return clean if clean == plain and "model" not in changed else f"{clean}-{digest}"
-
-
-def _causes(model):
-    return "+".join(dict.fromkeys(one["cause"] for one in json.loads(model)))
 
 
 def _check_name(name):

@@ -10,13 +10,12 @@ fails after one that did not, such as one from a folder without the files, takes
 import collections
 import contextlib
 import datetime
-import importlib
 import os
 import statistics
 import time
 from pathlib import Path
 
-from gravcal.errors import GravcalError, NoDataError, refuse
+from gravcal.errors import GravcalError, NoDataError
 from gravcal.store import configurations, keys, location, store
 
 ABSENT = "(absent)"
@@ -106,22 +105,17 @@ def apart(old_key, new_key):
     sides = [[one for one in store.ancestry(*[key] * bool(key)).values() if one] for key in (old_key, new_key)]
     moved = lambda one: one["recipe"]["variant"].startswith(MOVED)  # noqa: E731
     models = [next(filter(None, map(model_of, sorted(side, key=moved))), "") for side in sides]
-    reasons = [one for pair in _pairs(*sides) for one in compared(*pair, otherwise=())]
-    reasons = [one.removeprefix("settings.") for one in reasons]
+    old, new = ({(_name(one["recipe"]), one["stage"]): one for one in side[::-1]} for side in sides)
+    before, after = ({_name(one["recipe"]): one for one in side[::-1]} for side in sides)
+    pairs = [(old[key], new[key]) for key in reversed(new) if key in old]  # as two stages may write one kind
+    both = {_name(one["recipe"]) for one, _ in pairs}
+    pairs += [(before[name], after[name]) for name in reversed(after) if name in before and name not in both]
+    reasons = [one.removeprefix("settings.") for pair in pairs for one in compared(*pair, otherwise=())]
     names = {_name(one["recipe"]) for side in sides for one in side}
     derived = {f"input {name} {word}" for name in names for word in ("changed", "added", "removed")}
     follows = ("configuration: ", *(("model: ", "added: ") if any(models) else ()))
     reasons = [one for one in dict.fromkeys(reasons) if one not in derived and not one.startswith(follows)]
     return _reasons(*({"model": one} for one in models)) + reasons
-
-
-def _pairs(*sides):
-    """Nearest products of one name and stage on two sides, as two stages may write one kind; else those of one name."""
-    old, new = ({(_name(one["recipe"]), one["stage"]): one for one in side[::-1]} for side in sides)
-    before, after = ({_name(one["recipe"]): one for one in side[::-1]} for side in sides)
-    shared = [key for key in reversed(new) if key in old]
-    others = [name for name in reversed(after) if name in before and name not in dict(shared)]
-    return [(old[key], new[key]) for key in shared] + [(before[name], after[name]) for name in others]
 
 
 def model_of(record):
@@ -152,19 +146,17 @@ def differences(old, new, name=""):
             yield from differences(old.get(key, ABSENT), new.get(key, ABSENT), f"{name}.{key}" if name else key)
     elif old != new or type(old) is not type(new):
         models = [_model(one) if name.rpartition(".")[2] == "model" else "" for one in (old, new)]
-        told = configurations.models_apart(*models) if any(models) else [("", *_shown(str(old), str(new)))]
-        yield from ((name, *one) for one in told)
+        if any(models):
+            yield from ((name, *one) for one in configurations.models_apart(*models))
+            return
+        texts = [str(old), str(new)]  # long ones from shortly before they differ
+        start = max(len(os.path.commonprefix(texts)) - 20, 0) if max(map(len, texts)) > 60 else 0
+        tails = ["..." * bool(start) + text[start:] for text in texts]
+        yield (name, "", *(text if len(text) <= 60 else text[:57] + "..." for text in tails))
 
 
 def _reasons(old, new):
     return [f"{name}: {of}{a} -> {b}" for name, of, a, b in differences(old, new)]
-
-
-def _shown(*texts):
-    """Two texts, where they are long from shortly before they differ."""
-    start = max(len(os.path.commonprefix(texts)) - 20, 0) if max(map(len, texts)) > 60 else 0
-    tails = ["..." * bool(start) + text[start:] for text in texts]
-    return [text if len(text) <= 60 else text[:57] + "..." for text in tails]
 
 
 def _name(recipe):
@@ -188,11 +180,6 @@ def tree(entry):
             else:
                 known[key]["inputs"].append(known[part["key"]])
     return known[entry.ref.key]
-
-
-def seconds(entry):
-    """Time that a product and all it was made of took when they were made, s."""
-    return sum(record["seconds"] for record in store.ancestry(entry.ref.key).values() if record)
 
 
 def raw_files(key):
@@ -222,16 +209,6 @@ def level_one_folders(calibration):
             letters = sorted({one["satellite"] for one in files} - set("XY")) or [files[0]["satellite"]]
             sources.append((event, folder, letters[0], dates[0] if len(dates) == 1 else None))
     return sources
-
-
-def stage_of(record):
-    """The stage that made a product, as it is now."""
-    module, _, name = record["stage"].partition(":")
-    try:
-        return getattr(importlib.import_module(module), name)
-    except (ImportError, AttributeError) as error:
-        found, remedy = f"no stage {record['stage']} ({error})", f"Install gravcal {record['versions']['gravcal']}."
-        return refuse(record["recipe"]["kind"], found, "the stage that made it", remedy, stage=record["stage"])
 
 
 @contextlib.contextmanager

@@ -209,14 +209,10 @@ def pin(entry):
 
 def unpin(entry):
     """Let a product go like any other; True if it was pinned."""
-    was = entry.ref.key in pinned()
-    (_pins() / entry.ref.key).unlink(missing_ok=True)
+    link = _pins() / entry.ref.key
+    was = link.is_symlink()
+    link.unlink(missing_ok=True)
     return was
-
-
-def pinned():
-    """Keys of the products that are pinned."""
-    return {link.name for link in _pins().glob("*")}
 
 
 def _pins():

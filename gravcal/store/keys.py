@@ -155,8 +155,17 @@ def fingerprint(body, also=()):
     if name not in _bodies:
         if not _trees:
             _trees.update(location.recall("modules") or {})
-        known = len(_trees)
-        parts = _parts(body, also)
+        known, scope = len(_trees), (*SCOPE, _top(body.__module__))
+        part, wanted, endings = _body_part(body, scope)
+        parts, waiting = {name[0]: part} | _data_parts(body.__module__, wanted, endings), [*wanted, *also]
+        while waiting:
+            target = waiting.pop()
+            module = _module_of(target) if _top(target) in scope else None
+            if module is not None and module not in parts:
+                parts[module], imported, endings = _module(module)
+                parts |= _data_parts(module, imported, endings)
+                waiting += imported
+        parts = dict(sorted(parts.items()))
         if len(_trees) > known:
             location.remember("modules", _trees)
         paths = [Path(inspect.getsourcefile(body))]
@@ -191,23 +200,6 @@ def forget():
         cached.cache_clear()
 
 
-def _parts(body, also):
-    """Digests of a body and of every module and data file it reaches, by name."""
-    scope = (*SCOPE, _top(body.__module__))
-    part, wanted, endings = _body_part(body, scope)
-    parts = {f"{body.__module__}:{body.__name__}": part} | _data_parts(body.__module__, wanted, endings)
-    waiting = [*wanted, *also]
-    while waiting:
-        target = waiting.pop()
-        name = _module_of(target) if _top(target) in scope else None
-        if name is None or name in parts:
-            continue
-        parts[name], imported, endings = _module(name)
-        parts |= _data_parts(name, imported, endings)
-        waiting += imported
-    return dict(sorted(parts.items()))
-
-
 def _body_part(body, scope):
     """Digest of a body with what it names of its module; the targets and the ends of file names that these use."""
     path = Path(inspect.getsourcefile(body))
@@ -229,7 +221,9 @@ def _body_part(body, scope):
         texts[name] = _tree_text(node)
         targets |= set(_imports(node, package))
         endings |= set(_file_names(node))
-        for first, attribute in _uses(node):
+        inner = {id(part.value): part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute)}
+        for part in (part for part in ast.walk(node) if isinstance(part, ast.Name)):  # with what is taken from it
+            first, attribute = part.id, inner.get(id(part), "")
             if first in local:
                 waiting.append(first)
             if first in imported:  # of a package: the module that its __init__ takes the attribute from
@@ -401,13 +395,3 @@ def _definitions(tree, package):
             names = (part for part in ast.walk(node) if isinstance(part, ast.Name) and isinstance(part.ctx, ast.Store))
             local |= {part.id: node for part in names}
     return local, imported
-
-
-def _uses(node):
-    """Names that a tree reads, each with the attribute taken from it, if any."""
-    inner = {id(part.value) for part in ast.walk(node) if isinstance(part, ast.Attribute)}
-    for part in ast.walk(node):
-        if isinstance(part, ast.Attribute) and isinstance(part.value, ast.Name):
-            yield part.value.id, part.attr
-        elif isinstance(part, ast.Name) and id(part) not in inner:
-            yield part.id, ""

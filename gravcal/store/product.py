@@ -89,7 +89,7 @@ def check(dataset, kind):
         refuse(kind, found, "what the schema says", CHANGE, missing=missing, extra=extra)
     stated = {name: {} if expected is ANY else expected[name] for name in dataset.variables}
     labels = {n: _labels(n, own, stated[n], f"{kind}, variable {n}") for n, own in dataset.variables.items()}
-    labelled = _settled(dataset, labels, _own(dataset.attrs))
+    labelled = settled(dataset, labels, _own(dataset.attrs))
     for name, variable in labelled.variables.items():
         _check_variable(variable, stated[name], f"{kind}, variable {name}")
         if is_time(name, variable):
@@ -102,21 +102,26 @@ def check(dataset, kind):
     return labelled
 
 
-def settled(dataset):
-    """Dataset as writing and reading keep it: loaded, native byte order, text as objects, plain attributes."""
-    return _settled(dataset, {name: variable.attrs for name, variable in dataset.variables.items()}, dataset.attrs)
+def settled(dataset, labels=None, attributes=None):
+    """Dataset as writing and reading keep it: loaded, native byte order, text as objects, plain attributes.
 
-
-def _settled(dataset, labels, attributes):
-    """The same with other attributes: those of each variable by name, and the global ones."""
+    Its attributes, or others: those of each variable by name, and the global ones.
+    """
     import xarray as xr
 
-    variables = {
-        name: (variable.dims, _settled_values(variable.values), _settled_attributes(labels[name]))
-        for name, variable in dataset.variables.items()
-    }
+    variables = {}
+    for name, one in dataset.variables.items():
+        values, own = one.values, labels[name] if labels else one.attrs
+        if values.dtype.kind in "US" or values.dtype == object and all(isinstance(item, str) for item in values.flat):
+            values = np.array([str(item) for item in values.astype(str).flat], dtype=object).reshape(values.shape)
+        elif values.dtype.kind not in "iuf":
+            remedy = "Make truth values uint8, times GPS seconds (f8), complex numbers two variables."
+            refuse("a product", f"values of type {values.dtype}", "numbers and text", remedy)
+        else:  # as after reading: BLAS sums by order
+            values = np.asarray(values, dtype=values.dtype.newbyteorder("="), order="C")
+        variables[name] = one.dims, values, _settled_attributes(own)
     coordinates = {name: variables.pop(name) for name in sorted(dataset.coords)}
-    return xr.Dataset(variables, coordinates, _settled_attributes(attributes))
+    return xr.Dataset(variables, coordinates, _settled_attributes(dataset.attrs if attributes is None else attributes))
 
 
 def digest(dataset):
@@ -187,16 +192,6 @@ def _check_variable(variable, stated, where):
         refuse(where, f"units {variable.attrs.get('units')!r}", f"one of {', '.join(allowed)}", CHANGE)
     if kind != "str" and "units" not in variable.attrs:
         refuse(where, "no units", "those of the schema", "State them; '1' for a pure number or a flag.")
-
-
-def _settled_values(values):
-    """Values in a type that netCDF keeps: native numbers, or text as objects."""
-    if values.dtype.kind in "US" or (values.dtype == object and all(isinstance(item, str) for item in values.flat)):
-        return np.array([str(item) for item in values.astype(str).flat], dtype=object).reshape(values.shape)
-    if values.dtype.kind not in "iuf":
-        remedy = "Make truth values uint8, times GPS seconds (f8), complex numbers two variables."
-        refuse("a product", f"values of type {values.dtype}", "numbers and text", remedy)
-    return np.asarray(values, dtype=values.dtype.newbyteorder("="), order="C")  # as after reading: BLAS sums by order
 
 
 def _settled_attributes(attributes):

@@ -12,7 +12,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 from scipy.spatial.transform import Rotation
 
-from flows import joint
+from flows import discover
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.calibrations.thrusters import estimate, model, noise
@@ -104,7 +104,7 @@ def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path, store
             tmp_path / day, seed=seed + len(late), effects=share | late, settings=fixed | {"date": day}
         )
     folders = [tmp_path / "2014-01-11", tmp_path / "2014-01-12"]
-    ((document, files, _),) = joint.joint("thrusters", None, folders, CHOSEN, workers=0)
+    ((document, files, _),) = discover.joint("thrusters", None, folders, CHOSEN, workers=0)
     again = {one["cause"]: one["repeats"]["said"] for one in document["causes"]}
     assert again == {FIRINGS.rpartition(".")[0]: True, LATE: False}
     for one in document["causes"]:
@@ -119,7 +119,7 @@ def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path, store
     assert "does not repeat" in next(path for path in files if path.suffix == ".html").read_text()
     before = set(store_folder.glob("objects/*/*/meta.json"))
     CALIBRATION.simulate(tmp_path / "2014-01-13", seed=seed, effects=share, settings=fixed | {"date": "2014-01-13"})
-    joint.joint("thrusters", None, [*folders, tmp_path / "2014-01-13"], CHOSEN, workers=0)
+    discover.joint("thrusters", None, [*folders, tmp_path / "2014-01-13"], CHOSEN, workers=0)
     made = [json.loads(path.read_text())["recipe"] for path in set(store_folder.glob("objects/*/*/meta.json")) - before]
     assert {one["kind"] for one in made if "2014-01-13" not in one["event"]} == {"thrusters.joint"}
 

@@ -175,7 +175,6 @@ def test_no_record_is_a_traceback_or_another_product(pipeline, store_folder, dat
     housekeeping.verify()
     for entry in housekeeping.entries(newest_only=False):
         history.tree(entry)
-        history.seconds(entry)
         history.other_versions(entry.ref)
     housekeeping.prune(0.0)
     engine.plan(pipeline.module("flow").calibrate, pipeline.file(), pipeline.chosen)
