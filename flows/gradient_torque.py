@@ -27,7 +27,7 @@ def calibrate(source, chosen):
     """Drag by two sensors and by one, as printed and as it should be."""
     places = daily.sensor_positions(daily.sgrs_file(source.folder, source.date))
     place = places[min(chosen.single_sensor, len(places)) - 1]  # two sensors need two, the printed one no zero
-    methods = ["two_sensor"] * (len(places) == 2) + ["one_sensor_published"] * (np.abs(place).min() > 1e-9)
+    methods = ["two_sensor"] * (len(places) == 2) + ["one_sensor_published"] * bool(np.abs(place).min() > 1e-9)
     methods.append("one_sensor")
     recorded, field = _recorded(source, chosen)
     solved = functools.partial(_solved, field=field, chosen=chosen, methods=methods)
