@@ -14,12 +14,10 @@ import json
 import os
 import platform
 import secrets
-import shutil
 import signal
 import socket
 import subprocess
 import sys
-import threading
 import time
 from dataclasses import dataclass
 from pathlib import Path
@@ -39,7 +37,7 @@ RUNS = {  # fields of a deployment that say what its runs do
     "enforce_parameter_schema", "storage_document_id", "infrastructure_document_id", "work_pool_name",
 }  # fmt: skip
 LOG_LIMIT = 1_000_000  # bytes of server.log; as many again are kept in server.log.1
-LOG_LOOK_S = 60.0
+
 DAY_S = 86400
 ENTER = """<!DOCTYPE html><title>gravcal</title>
 <script>localStorage.setItem("prefect-password", location.hash.slice(1)); location.replace("/")</script>
@@ -273,15 +271,11 @@ def _wait_for(server):
 
 
 def _log():
-    return Path(os.environ["PREFECT_HOME"]).expanduser() / "server.log"
-
-
-def shorten(log):
-    """Begin a log anew when it is too long, in place: servers have it open."""
-    with contextlib.suppress(OSError):
-        if log.stat().st_size > LOG_LIMIT:
-            shutil.copyfile(log, log.with_suffix(".log.1"))
-            os.truncate(log, 0)
+    """Log of the servers; one that is too long is kept beside it, and a new one begun."""
+    log = Path(os.environ["PREFECT_HOME"]).expanduser() / "server.log"
+    if log.exists() and log.stat().st_size > LOG_LIMIT:
+        log.replace(log.with_suffix(".log.1"))
+    return log
 
 
 def listener(wanted=None):
@@ -299,13 +293,6 @@ def serve(door, parent):
     if os.getppid() != parent:  # it is gone already
         os._exit(1)
     os.umask(0o077)
-
-    def keep_short():
-        while True:
-            shorten(_log())
-            time.sleep(LOG_LOOK_S)
-
-    threading.Thread(target=keep_short, daemon=True).start()
     door = socket.socket(fileno=door)
     os.environ |= {"PREFECT_SERVER_API_HOST": HOST, "PREFECT_SERVER_API_PORT": str(door.getsockname()[1])}
     import uvicorn
