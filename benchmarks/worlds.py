@@ -490,7 +490,9 @@ def _strong(kind, seed, hidden, wanted, about):
         truth = make(kind, seed, {hidden: value}, place / str(attempt))
         data = place / str(attempt) / "data"
         changed = observed_of(kind, data)
-        ratio = signal_to_noise(quiet.blocks if quiet else [], rows_of(changed, quiet))
+        campaigns = bool(quiet and changed) and quiet.name == "kbr_phase_centre"
+        like, changed = of_both(quiet, changed) if campaigns else (quiet, changed)
+        ratio = signal_to_noise(like.blocks if like else [], rows_of(changed, like))
         if 0.8 * wanted < ratio < 1.25 * wanted:
             return value, ratio, truth, data
         total *= wanted / max(ratio, wanted / 50)
@@ -512,6 +514,22 @@ def observed_of(kind: str, data: Path):
     products = {name: read(ref) for name, ref in one.discovery.baseline(source, chosen).items()}
     settings = one.discovery.settings(source, chosen) | one.discovery.chosen_for(chosen)[0]
     return importlib.import_module(one.discovery.observations).observe(products, **settings)
+
+
+def of_both(*campaigns) -> list:
+    """Observations of two campaigns at the epochs that both have: an effect may move the ends of a manoeuvre."""
+    seconds = [{half.label: np.rint(half.time) for half in one.halves} for one in campaigns]
+    found = []
+    for one, others in zip(campaigns, seconds[::-1], strict=True):
+        halves = []
+        for half in (half for half in one.halves if half.label in others):
+            kept = np.isin(np.rint(half.time), others[half.label])
+            parts = {"place": half.stretch.place[kept], "lever": half.stretch.lever[kept]}
+            rows, stretch = np.arange(half.rows.start, half.rows.stop)[kept], dataclasses.replace(half.stretch, **parts)
+            shorter = {"time": half.time[kept], "slow": half.slow[kept], "stretch": stretch}
+            halves.append(dataclasses.replace(half, rows=rows, **shorter))
+        found.append(dataclasses.replace(one, halves=halves))
+    return found
 
 
 def rows_of(observed, like) -> list:
