@@ -46,7 +46,7 @@ def torque(modelled, observed, stored, **settings):
     return model.torque(modelled, observed, stored, **settings)
 
 
-@stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=3)
+@stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=4)
 def drag(modelled, *, variant, **settings):
     """Drag by one method."""
     return estimate.drag(modelled, variant=variant, **settings)

@@ -14,7 +14,8 @@ from gravcal.physics.sensing import offset_tensor
 
 VARIANTS = ("two_sensor", "one_sensor_published", "one_sensor")
 SOURCES = ("sensor noise", "attitude and rates", "gravity prior", "places")
-ROUNDS = 3  # noise model and solution in turn
+SAMPLES, LEAST_KNOTS, MOST_KNOTS = 30, 5, 24  # of a mean for each knot of the spectrum of the torque; knots of it
+NODES, ORDER, DRAWS = 512, 30, 24  # frequencies and coefficients that stand for a spectrum; spectra for its error
 
 
 def drag(
@@ -25,7 +26,6 @@ def drag(
     elongation: float,
     gravity_sigma_scale: float,
     torque_step_s: float,
-    torque_noise_order: int,
     control_hz: float,
     control_damping: float,
     satellite: dict,
@@ -83,7 +83,7 @@ def drag(
         held_back = np.nan_to_num(unsmoothed(modelled, method, sensors, kept))
         torque = uncontrolled_torque(modelled, method, inertia, control_hz, control_damping)
         both = torque + np.matvec(inertia, held_back), drag_b - np.cross(held_back, place)
-        options = {"width": max(1, round(torque_step_s / step)), "step": torque_step_s, "order": torque_noise_order}
+        options = {"width": max(1, round(torque_step_s / step)), "step": torque_step_s}
         value, covariance, rest = balance(*both, place, satellite, **options)
         rows = cross_matrix(value * satellite["mass"]) / np.maximum(rest, 1e-30)[:, None]
         gain = np.linalg.eigvals(held[len(held) // 2] @ rows.T @ rows).real.max()  # with the rest as white noise
@@ -134,7 +134,7 @@ def unsmoothed(modelled: xr.Dataset, method: str, sensors: slice | list, test_ma
     return free - modelled["angular_b"].values[:, sensors].mean(axis=1) - wd
 
 
-def balance(torque, drag_b, place, satellite, *, width, step, order):
+def balance(torque, drag_b, place, satellite, *, width, step):
     """Centre of pressure (3,) m from the torque balance, its covariance, and the rms (3,) N m of the torque left.
 
     Torque and drag_b (n, 3) N m, m s-2 are those with the angular acceleration as read by the test mass at `place`;
@@ -142,9 +142,10 @@ def balance(torque, drag_b, place, satellite, *, width, step, order):
 
     Notes
     -----
-    The rest is coloured noise, measured on the residual, beside an unknown constant torque. An error d of the angular
-    acceleration changes the drag by r x d and the torque by I_B d; what both have in common is taken off the normal
-    equations, or least squares would be biased.
+    The rest is coloured noise beside an unknown constant torque. Its spectrum is the likeliest beside all unknowns;
+    what the record leaves open of it is in the covariance, as values and covariances with spectra drawn about it. An
+    error d of the angular acceleration changes the drag by r x d and the torque by I_B d; what both have in common is
+    taken off the normal equations, or least squares would be biased.
     """
     inertia, mass = np.array(satellite["inertia"]), satellite["mass"]
     whole = len(torque) // width * width
@@ -153,31 +154,49 @@ def balance(torque, drag_b, place, satellite, *, width, step, order):
     arm = -mass * cross_matrix(drag_b)
     angular = np.sqrt(np.array(satellite["angular_noise_density"]) ** 2 / (2 * step))
     arm_error = np.stack([-mass * cross_matrix(column) for column in (cross_matrix(np.asarray(place)) * angular).T])
-    torque_error = (inertia * angular).T
+    errors = np.concatenate([(inertia * angular).T[:, :, None], arm_error], axis=2)  # of torque and arm, by each d
+    common = np.einsum("jki,jkl->kil", arm_error, errors)
     valid = np.isfinite(torque).all(axis=1) & np.isfinite(arm).all(axis=(1, 2))
-    impulse = np.zeros((101, 1))
-    impulse[50] = 1.0
-    value = prior
-    columns = [np.column_stack([torque[:, k], arm[:, k], np.ones(len(torque))]) for k in range(3)]
-    models = [noise.NoiseModel(np.zeros(0), np.array([max(np.var(torque[:, k]), 1e-30)]), step) for k in range(3)]
-    for _ in range(ROUNDS):
+    columns = [np.nan_to_num(np.column_stack([torque[:, k], arm[:, k], np.ones(whole // width)])) for k in range(3)]
+    impulse = np.zeros((2 * ORDER + 1, 1))
+    impulse[ORDER] = 1.0
+
+    def solved(models):
         normal, right = np.diag(1 / prior_sigma**2), prior / prior_sigma**2
-        common = np.einsum("jki,jk->ki", arm_error, torque_error - arm_error @ value)
-        whitened = []
-        for k in range(3):
-            white = noise.whiten(models[k], columns[k], valid)
-            y, A, N = white[:, 0], white[:, 1:4], white[:, 4:]
-            reduced, y_reduced = least_squares.without(N, A), least_squares.without(N, y)
-            power = float(np.sum(noise.whiten(models[k], impulse, np.ones(101, dtype=bool)) ** 2))
+        for k, one in enumerate(models):
+            white = noise.whiten(one, columns[k], valid)
+            rows = least_squares.without(white[:, 4:], white[:, :4])
+            power = float(np.sum(noise.whiten(one, impulse, np.ones(len(impulse), dtype=bool)) ** 2))
             biased = np.count_nonzero(valid) * power * common[k]
-            normal, right = normal + reduced.T @ reduced, right + reduced.T @ y_reduced - biased
-            whitened.append((y, A, N))
-        value = np.linalg.solve(normal, right)
-        constant = [np.linalg.lstsq(N, y - A @ value, rcond=None)[0] for y, A, N in whitened]
-        left = np.stack([torque[:, k] - columns[k][:, 1:] @ np.append(value, constant[k]) for k in range(3)], axis=1)
-        left[~valid] = np.nan
-        models = [noise.fit_noise([left[:, k]], order, step, removed=2) for k in range(3)]
-    return value, np.linalg.inv(normal), np.sqrt(np.nanmean(left**2, axis=0))
+            products = rows[:, 1:].T @ rows
+            normal, right = normal + products[:, 1:] - biased[:, 1:], right + products[:, 0] - biased[:, 0]
+        return np.linalg.solve(normal, right), np.linalg.inv(normal)
+
+    rng = np.random.default_rng(0)
+    spectra = [_drawn_spectra(np.where(valid, one[:, 0], np.nan), one[:, 1:], step, rng) for one in columns]
+    each = [solved(models) for models in zip(*spectra, strict=True)]
+    value, covariance = each[0]
+    if len(each) > 1:
+        moved = np.array([one - value for one, _ in each[1:]])
+        covariance = np.mean([one for _, one in each[1:]], axis=0) + moved.T @ moved / len(moved)
+    left = np.stack([(one[:, 0] - one[:, 1:4] @ value)[valid] for one in columns], axis=1)
+    return value, covariance, left.std(axis=0)
+
+
+def _drawn_spectra(series, columns, step, rng):
+    """Noise models of a series (n,) beside columns (n, q): the likeliest, then some drawn about it by its error.
+
+    Of a record too short for a spectrum white noise.
+    """
+    count = np.count_nonzero(np.isfinite(series))
+    if count < 4 * LEAST_KNOTS * columns.shape[1]:
+        return [noise.fit_noise([series], 0, step, removed=columns.shape[1])]
+    knots = (np.arange(size := max(LEAST_KNOTS, min(count // SAMPLES, MOST_KNOTS))) + 0.5) / (2 * step * size)
+    found = noise.fit_spectrum([(series, columns)], step, knots)
+    off = np.linalg.cholesky(found.covariance) @ rng.standard_normal((size, DRAWS))
+    nodes = (np.arange(NODES) + 0.5) / (2 * step * NODES)
+    drawn = found.log_density[:, None] + np.column_stack([np.zeros(size), off])
+    return [noise.from_density(density, ORDER, step) for density in np.exp(found.shares(nodes) @ drawn).T]
 
 
 def with_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
