@@ -55,39 +55,50 @@ def _exp(angle):
     return np.append(np.cos(size / 2), np.sinc(size / 2 / np.pi) / 2 * angle)
 
 
-def test_derivatives_of_the_offset_are_total(rng):
-    """C-2: in the turning frame the acceleration of d(t) has 2 w x d' and d'' beside M d, so partial is not total."""
+def test_derivatives_in_a_turning_frame_are_total(rng):
+    """C-2: in the turning frame the acceleration of d(t) has 2 w x d' and d'' beside M d, so partial is not total.
+
+    S-2: a free mass beside a turning satellite, differenced in its frame, is -w' x r - w x w x r - 2 w x v.
+    """
     w, d, v, s = rng.normal(size=3) * 1e-2, rng.normal(size=3), rng.normal(size=3), 1e-2
     inertial = lambda t: turned(_exp(w * t)) @ (d + v * t)  # noqa: E731
     total = (inertial(s) - 2 * inertial(0.0) + inertial(-s)) / s**2
     assert_allclose(total, cross(w) @ cross(w) @ d + 2 * cross(w) @ v, atol=1e-6)
     assert np.linalg.norm(total - cross(w) @ cross(w) @ d) > 1e-3
+    w, wd, r, v, s = rng.normal(size=3) * 1e-2, rng.normal(size=3) * 1e-3, *rng.normal(size=(2, 3)), 1e-2
+    v_inertial = v + np.cross(w, r)
+    seen = lambda t: turned(_exp(w * t + wd * t * t / 2)).T @ (r + v_inertial * t)  # noqa: E731
+    relative = (seen(s) - 2 * seen(0.0) + seen(-s)) / s**2
+    expected = -np.cross(wd, r) - np.cross(w, np.cross(w, r)) - 2 * np.cross(w, v)
+    assert_allclose(relative, expected, atol=1e-5)
+    assert np.linalg.norm(relative + expected) > 1e-3
 
 
-def test_the_order_of_a_quaternion_matters():
-    """C-3: the matrix of scalar-first elements, fed with scalar-last ones, is another rotation."""
+def test_the_order_of_a_quaternion_matters_and_its_four_corrections_are_three():
+    """C-3: scalar-last elements are another rotation; C-6: an addition along q itself is none."""
     q = np.array([np.cos(0.15), 0, 0, np.sin(0.15)])
     wrong = turned(np.roll(q, -1))
     assert_allclose(wrong @ wrong.T, np.eye(3), atol=1e-15)
     assert np.abs(wrong - turned(q)).max() == pytest.approx(1.96, abs=0.01)
-
-
-def test_a_correction_needs_the_inverse(rng):
-    """C-5: x0 = (H' P H)^-1 H' P dq minimises, H' P H in its place does not."""
-    H, P, x = rng.normal(size=(50, 6)), np.diag(rng.uniform(0.5, 2, 50)), rng.normal(size=6)
-    normal, right = H.T @ P @ H, H.T @ P @ (H @ x)
-    assert_allclose(np.linalg.solve(normal, right), x, rtol=1e-10)
-    assert np.linalg.norm(normal @ right - x) > 1e3 * np.linalg.norm(x)
-
-
-def test_four_corrections_have_three_degrees_of_freedom():
-    """C-6: the change of a rotation by an addition along q itself is none: the normal matrix of four is singular."""
     q = np.array([0.5, 0.5, -0.5, 0.5])
     unit = lambda x: x / np.linalg.norm(x)  # noqa: E731
     columns = [(turned(unit(q + 1e-6 * e)) - turned(unit(q - 1e-6 * e))).ravel() / 2e-6 for e in np.eye(4)]
     sizes = np.linalg.svd(np.array(columns), compute_uv=False)
     assert sizes[-1] < 1e-8 * sizes[0]
     assert sizes[-2] > 0.5 * sizes[0]
+
+
+def test_a_correction_needs_the_inverse_and_scale_factors_cancel_in_the_offset(rng):
+    """C-5: (H' P H)^-1 H' P dq minimises, H' P H does not; T-11: readings and rates scale, p does not."""
+    H, P, x = rng.normal(size=(50, 6)), np.diag(rng.uniform(0.5, 2, 50)), rng.normal(size=6)
+    normal, right = H.T @ P @ H, H.T @ P @ (H @ x)
+    assert_allclose(np.linalg.solve(normal, right), x, rtol=1e-10)
+    assert np.linalg.norm(normal @ right - x) > 1e3 * np.linalg.norm(x)
+    wd, p = rng.normal(size=(40, 3)) * 1e-5, np.array([-140e-6, 627e-6, -896e-6])
+    columns = np.array([cross(one) for one in wd]).reshape(-1, 3)
+    for scale in (1.0, 1.3):
+        assert_allclose(np.linalg.lstsq(scale * columns, scale * columns @ p, rcond=None)[0], p, rtol=1e-9)
+    assert_allclose(np.linalg.lstsq(columns, 1.03 * columns @ p, rcond=None)[0], 1.03 * p, rtol=1e-9)
 
 
 def test_a_rod_turns_nothing_about_itself(rng):
@@ -121,8 +132,11 @@ def test_smaller_contradictions_of_the_text():
         fetch.of_day("C", datetime.date(2020, 2, 1), ["SCE"])
 
 
-def test_a_derivative_has_a_gain_that_the_window_sets():
-    """K-4: a cubic over 11 or 25 epochs of 5 s passes 4 and 8 mHz differently, which scales x by the ratio."""
+def test_a_derivative_has_a_gain_of_its_window_and_frequencies_are_ten_times_off():
+    """K-4: a cubic over 11 or 25 epochs of 5 s passes 4 and 8 mHz differently, which scales x by the ratio.
+
+    K-6: 250 s is 4 mHz, 5 s is 0.2 Hz; K-7: 3750 s less 2 x 125 s are 700 epochs, and 600 if 50 are cut at both.
+    """
     gain = {}
     for half in (5, 12):
         at = 5.0 * np.arange(-half, half + 1)
@@ -132,10 +146,6 @@ def test_a_derivative_has_a_gain_that_the_window_sets():
     assert gain[5, 8e-3] > 0.99
     assert gain[12, 8e-3] / gain[12, 4e-3] < 0.95
     assert abs(gain[5, 8e-3] / gain[5, 4e-3] - gain[12, 8e-3] / gain[12, 4e-3]) > 0.03
-
-
-def test_frequencies_and_rates_are_ten_and_twenty_five_times_off():
-    """K-6: 250 s is 4 mHz, 5 s is 0.2 Hz; K-7: 3750 s less 2 x 125 s are 700 epochs, and 600 if 50 are cut at both."""
     text = scalars("kbr_phase_centre")
     assert 1 / float(text["oscillation_period"]) == pytest.approx(4e-3)
     assert 1 / float(text["kbr1b_sampling_interval"]) == 0.2 != float(text["kbr1b_rate_as_printed_in_table_3"])
@@ -168,27 +178,12 @@ def test_observables_of_one_phase_disagree():
     assert z[1] == pytest.approx(z[0], rel=1e-3)
 
 
-def test_rate_terms_of_a_relative_acceleration_are_subtracted(rng):
-    """S-2: a free mass beside a turning satellite, differenced in its frame, is -w' x r - w x w x r - 2 w x v."""
-    w, wd, r, v, s = rng.normal(size=3) * 1e-2, rng.normal(size=3) * 1e-3, *rng.normal(size=(2, 3)), 1e-2
-    v_inertial = v + np.cross(w, r)
-    seen = lambda t: turned(_exp(w * t + wd * t * t / 2)).T @ (r + v_inertial * t)  # noqa: E731
-    relative = (seen(s) - 2 * seen(0.0) + seen(-s)) / s**2
-    expected = -np.cross(wd, r) - np.cross(w, np.cross(w, r)) - 2 * np.cross(w, v)
-    assert_allclose(relative, expected, atol=1e-5)
-    assert np.linalg.norm(relative + expected) > 1e-3
-
-
-def test_units_show_the_misprints_of_equation_15():
-    """S-7: q_H al has the unit of al/length and q_drag a that of al, so the Earth terms have to be accelerations."""
+def test_units_show_the_misprints_of_equation_15_and_a_force_enters_with_a_minus():
+    """S-7: the Earth terms have to be accelerations; T-3: f = a_ng - a_par, b of f = b + k V is minus that of k V."""
     length, time = np.array([1, 0]), np.array([0, 1])  # exponents of m and s
     q_h, acceleration, angular = -length, length - 2 * time, -2 * time
     assert_allclose(q_h + acceleration, angular)
     assert np.any(q_h + angular != angular)
-
-
-def test_a_force_on_the_mass_enters_with_a_minus():
-    """T-3: f holds the mass against a_par, f = a_ng - a_par + ...; b of f = b + k V is minus the constant of k V."""
     a_ng, a_par, b, k = 3e-8, 2e-9, 1e-5, 5e-4
     f = a_ng - a_par
     volts = (f - b) / k
@@ -220,32 +215,22 @@ def test_claims_of_the_abstract_against_the_tables():
     assert above == {"com": ["x"], "bias": ["y"], "scale_factors": []}
 
 
-def test_rolling_about_y_leaves_one_sum():
-    """T-9: constant columns of b_y and a_ng,y are one; sunlight of 3e-8 m/s2 is above the printed error of b_y."""
-    time = np.arange(0, 7240.0, 10)
-    columns = np.stack([np.ones_like(time), np.cos(0 * time), np.cos(2 * np.pi * time / 724)], axis=1)
-    assert np.linalg.matrix_rank(columns) == 2
-    (_,), (sigma,) = printed("inertial_sensor", "bias", component="y")
-    assert sigma < 1.3 * 4.56e-6 / 180
+def test_noise_and_range_contradict_the_tables_and_rolling_about_y_leaves_one_sum():
+    """T-12: 2e-5 V/sqrt(Hz) times k is above the noise printed for y; the bias of x is beyond the range of 3e-5.
 
-
-def test_scale_factors_cancel_in_the_offset(rng):
-    """T-11: k and beta tied by J/(M l): readings and angular accelerations scale together, p does not."""
-    wd, p = rng.normal(size=(40, 3)) * 1e-5, np.array([-140e-6, 627e-6, -896e-6])
-    columns = np.array([cross(one) for one in wd]).reshape(-1, 3)
-    for scale in (1.0, 1.3):
-        assert_allclose(np.linalg.lstsq(scale * columns, scale * columns @ p, rcond=None)[0], p, rtol=1e-9)
-    assert_allclose(np.linalg.lstsq(columns, 1.03 * columns @ p, rcond=None)[0], 1.03 * p, rtol=1e-9)
-
-
-def test_noise_and_range_contradict_the_tables():
-    """T-12: 2e-5 V/sqrt(Hz) times k is above the noise printed for y; the bias of x is beyond the range of 3e-5."""
+    T-9: constant columns of b_y and a_ng,y are one; sunlight of 3e-8 m/s2 is above the printed error of b_y.
+    """
     rows = {one.factor: one.value for one in catalog.published("inertial_sensor")["scale_factors"]}
     text = scalars("inertial_sensor")
     assert 2e-5 * rows["k_y"][1] > float(text["acceleration_noise_y_in_orbit_max"])
     assert 2e-5 * np.sqrt(2) * rows["k_z"][2] > 3e-9
     (bias,), _ = printed("inertial_sensor", "bias", component="x")
     assert abs(bias) > 8 * 3e-5
+    time = np.arange(0, 7240.0, 10)
+    columns = np.stack([np.ones_like(time), np.cos(0 * time), np.cos(2 * np.pi * time / 724)], axis=1)
+    assert np.linalg.matrix_rank(columns) == 2
+    (_,), (sigma,) = printed("inertial_sensor", "bias", component="y")
+    assert sigma < 1.3 * 4.56e-6 / 180
 
 
 def test_heights_days_and_axes_of_the_taiji_paper():

@@ -66,8 +66,8 @@ def test_the_combined_offsets_follow_from_the_manoeuvres(variant):
         assert_allclose(np.average(values, weights=weights), combined.value[axis], atol=0.1)
 
 
-def test_only_the_x_trim_shows_in_the_series():
-    """Published: Table 4 against Table 9, erratum C-13: 30 um off for every trim but that of x."""
+def test_only_the_x_trim_shows_in_the_series_whose_days_count_from_the_launch():
+    """Published: Table 4 against Table 9, erratum C-13: 30 um off but for that of x; all 20 entries from 2018-05-22."""
     history = catalog.published("com_offset")["history"]
     for trim in catalog.trims("C"):
         axis = "xyz".index(trim.axis)
@@ -78,17 +78,13 @@ def test_only_the_x_trim_shows_in_the_series():
         assert f"{before + trim.trim_um:.1f} um" in trim.note
     assert len(catalog.trims("C")) == 4
     assert catalog.trims("D") == ()
-
-
-def test_days_since_launch_of_the_history_count_from_the_launch_in_the_catalogue():
-    """Published: all 20 entries of Table 9 count from 2018-05-22."""
     launched = catalog.satellite("C").launched
     for record in catalog.published("com_offset")["history"]:
         assert (catalog.event(record.events[0]).date - launched).days == int(record.days_since_launch)
 
 
-def test_an_event_gets_its_own_values_only():
-    """Contract: a report shows what was printed for its event; nothing refers to an event that is not there."""
+def test_an_event_gets_its_own_values_only_and_every_column_has_a_citation():
+    """Contract: what was printed for its event; a column is a label, value, sigma, unit or event of one cited table."""
     sections = catalog.published("com_offset", "grace-c-2018-07-29")
     assert sorted(sections) == ["history"]
     assert catalog.published("com_offset", "grace-d-2018-06-06")["first"][0].satellite == "grace-d"
@@ -97,10 +93,6 @@ def test_an_event_gets_its_own_values_only():
     for calibration in (OFFSET, ANTENNA, SENSOR, "gradient_torque"):
         for record in (one for records in catalog.published(calibration).values() for one in records):
             assert all(catalog.event(name).calibration == calibration for name in record.events)
-
-
-def test_every_csv_file_has_a_citation_for_every_column():
-    """Contract: each column is a label, a value, a sigma, the unit or the event of one cited table."""
     folder = resources.files("catalog") / "published"
     tables = tomllib.loads((folder / "tables.toml").read_text(encoding="utf-8"))
     assert {table["file"] for table in tables.values()} == {f.name for f in folder.iterdir() if f.name.endswith(".csv")}
