@@ -58,13 +58,6 @@ def commands(group, name=()):
             yield " ".join((*name, word)), one
 
 
-def test_every_command_gives_json():
-    """Contract: --json on all that end by themselves."""
-    known = dict(commands(get_command(cli.app)))
-    without = {name for name, one in known.items() if "--json" not in {o for p in one.params for o in p.opts}}
-    assert without == WITHOUT_DOCUMENT
-
-
 def test_colour_is_for_terminals_that_want_it_and_tables_are_aligned(pipeline):
     """Contract: bold heads on a terminal; none in a pipe, with NO_COLOR or on a dumb terminal; the same text.
 
@@ -95,14 +88,17 @@ def said_here(*words):
     return CliRunner().invoke(cli.app, list(words)).stdout
 
 
-def test_completion_offers_what_exists(pipeline):
-    """Contract: a script for each shell, as its users install it; calibrations, events of both, products, settings."""
+def test_completion_offers_what_exists_and_every_command_gives_json(pipeline):
+    """Contract: a script for each shell, calibrations, events, products; --json on all that end by themselves."""
     for shell in ("zsh", "fish"):
         said = piped(["--show-completion", shell], _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
         assert f"complete_{shell}" in said
     pipeline.run()
     assert {"fake-1", "grace-c-2020-02-01"} <= set(cli.complete_events())
     assert f"fake-1/{pipeline.name}.join" in cli.complete_products()
+    known = dict(commands(get_command(cli.app)))
+    without = {name for name, one in known.items() if "--json" not in {o for p in one.params for o in p.opts}}
+    assert without == WITHOUT_DOCUMENT
 
 
 BASH = """
