@@ -69,8 +69,8 @@ def test_a_body_called_with_datasets_cannot_change_what_others_read(pipeline):
     assert "title" not in again.attrs
 
 
-def test_settings_are_handed_on_as_they_come():
-    """Contract: a body that takes any settings has each in its label; every setting comes from the catalogue."""
+def test_settings_are_handed_on_and_equations_that_cannot_be_solved_are_an_error_of_the_input():
+    """Contract: each setting is in the label; event, stage and remedy; other errors stay what they are."""
 
     @stage.stage(reads=[], writes="any", version=1)
     def body(**settings):
@@ -78,10 +78,6 @@ def test_settings_are_handed_on_as_they_come():
 
     call = stage.call_of(body, (), {"second": 2, "first": 1.5, "event": "e"})
     assert list(call.settings.items()) == [("first", 1.5), ("second", 2)]
-
-
-def test_equations_that_cannot_be_solved_are_an_error_of_the_input():
-    """Contract: numbers of no sense end in a message with event, stage and remedy; other errors stay what they are."""
     call = SimpleNamespace(event="demo", unmade=SimpleNamespace(stage="demo.fit"))
     found = stage._of_input(np.linalg.LinAlgError("SVD did not converge"), call)
     assert isinstance(found, EstimationError)

@@ -197,12 +197,6 @@ def test_a_note_says_what_moved_beyond_its_error_and_why(steps, slope, told):
     assert line == f"com_offset z moved by 31.0 ± 4.0 um since 2020-10-01: {told}"
 
 
-def test_a_pair_is_called_by_both_letters():
-    """As its events are, and a satellite by its own name."""
-    names = [watching.owner(calibration.load("kbr_phase_centre"), letters) for letters in ("CD", "C")]
-    assert names == ["grace-cd", "grace-c"]
-
-
 def test_a_parameter_follows_the_fuel_where_it_is_told(rng):
     """A coefficient with its error where fuel moves it, none where it does not; dates between have it too."""
     time = np.arange(14) * 60 * DAY_S
@@ -217,7 +211,7 @@ def test_a_parameter_follows_the_fuel_where_it_is_told(rng):
 
 
 def test_fuel_and_temperature_are_read_where_all_tanks_and_thermometers_are_told():
-    """Sum and difference of the tanks at the time of the event, mean of four thermometers during it, else nothing."""
+    """Contract: tanks at the time of the event, mean of four thermometers, else nothing; a pair's two letters."""
     tanks = {"gas_mass_tnk1": ("time", [13.0, 12.0, np.nan]), "gas_mass_tnk2": ("time", [11.0, 11.0, 9.0])}
     masses = xr.Dataset(tanks | {"time_tag": ("time", [0.0, 10.0, 20.0])})
     assert evidence.fuel([masses], 5.0) == {"fuel_kg": 23.5, "fuel_difference_kg": 1.5}
@@ -226,3 +220,5 @@ def test_fuel_and_temperature_are_read_where_all_tanks_and_thermometers_are_told
     warm = xr.Dataset(read | {"time_tag": ("time", [0.0, 10.0, 20.0, 30.0])})
     assert evidence.temperature([masses, warm], 5.0, 25.0) == {"temperature_c": 22.0}
     assert evidence.temperature([warm], 25.0, 35.0) == evidence.temperature([masses], 5.0, 25.0) == {}
+    names = [watching.owner(calibration.load("kbr_phase_centre"), letters) for letters in ("CD", "C")]
+    assert names == ["grace-cd", "grace-c"]

@@ -92,13 +92,15 @@ def test_the_same_seed_gives_the_same_columns_and_another_seed_another_truth(pla
     assert not np.allclose(plain[1]["offset_um"], other[1]["offset_um"])
 
 
-def test_an_unknown_effect_or_parameter_is_refused():
-    """Contract: a typing error does not give clean data."""
+def test_an_unknown_effect_is_refused_and_every_one_of_ranging_is_asked_here_or_elsewhere():
+    """Contract: a typing error does not give clean data; no effect is listed that a simulation cannot hide."""
     from gravcal.simulation import by_slug
 
     for wrong in ({"torque.dipole_gian.rod_x": 0.1}, {"torque.dipole_gain.rod_q": 0.1}, {"dipole_gain": 1.0}):
         with pytest.raises(CatalogError):
             by_slug(wrong)
+    known = {"ranging.multipath", "ranging.phase_break", "ranging.delay", "ranging.scale"}
+    assert {entry.slug for entry in EFFECTS} == known | set(ASKED)
 
 
 @pytest.mark.parametrize("name", known())
@@ -148,9 +150,3 @@ def test_an_effect_changes_the_range_by_what_it_is(unhidden, slug):
     if statistic:
         arms = sum(truth["phase_centre_mm"][letter][0] for letter in "CD") / 1e3
         assert statistic(added) == pytest.approx(expected(arms), abs=tolerance)
-
-
-def test_every_effect_of_the_family_is_asked_here_or_elsewhere():
-    """Contract: no effect of ranging is listed that a simulation cannot hide."""
-    known = {"ranging.multipath", "ranging.phase_break", "ranging.delay", "ranging.scale"}
-    assert {entry.slug for entry in EFFECTS} == known | set(ASKED)
