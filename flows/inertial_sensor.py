@@ -108,7 +108,8 @@ def views(_source, chosen):
     known = chosen.for_stage("bias") | {"assumed": assumed(chosen)}
     names = ("segment_s", "uniformity_limit", "share_limit")
     names += ("trend_degree", "amplitude_degree", "amplitude_harmonics", "assumed")
-    return {"scene": scene, "rolling": {name: known[name] for name in names}}
+    limit = chosen.for_stage("checks")["pointing_limit_rad"]
+    return {"scene": scene, "rolling": {name: known[name] for name in names}, "pointing_limit_rad": limit}
 
 
 def _files(days, start, stop, margin):

@@ -44,7 +44,7 @@ def model_error(found, *moved):
     return named_parameters.with_model_error(found, *moved)
 
 
-@stage(reads=["thrusters.align", "thrusters.estimate"], writes="thrusters.checks", version=1)
+@stage(reads=["thrusters.align", "thrusters.estimate"], writes="thrusters.checks", version=2)
 def checks(aligned, found, **settings):
     """Attitude, orbit and firings against each other, and parts of the result."""
     return estimation.check(aligned, found, **settings)

@@ -3,7 +3,6 @@
 import numpy as np
 import xarray as xr
 
-from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import timing
 from gravcal.physics import earth, frames
 
@@ -17,6 +16,8 @@ QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
 #: from a manoeuvre, and least lag of tags that are off, s; pointing off by milliradians looks like a few seconds.
 LONGEST_S, EVERY_S, APART_S, MARGIN_S, LATE_S = 600, 60, 60, 300.0, 10.0
 CLEARLY = 4.0  # times what any lag further away leaves
+WHOLE_S = 0.5  # s, of lags that are looked for in whole seconds
+POINTING_S, OFF_S = 15.0, 60.0  # s, error of lags by the pointing, off the flight by 0.017 rad, and what is no pointing
 
 
 def sorted_samples(observed: xr.Dataset, tags: timing.Tags, names: tuple[str, ...], bad=None):
@@ -119,30 +120,18 @@ def late_of_pair(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
     at in routine pointing. Products are "align" and "pointing" of kbr_phase_centre.
     """
     lag, time, found = np.arange(-LONGEST_S, LONGEST_S + 1), pointed["time"].values, np.zeros(5)
-    place = np.arange(LONGEST_S, time.size - LONGEST_S, EVERY_S)
+    place = np.arange(LONGEST_S + 1, time.size - LONGEST_S - 1, EVERY_S)
     if place.size < 2:
         return found
-    position = aligned["position_i"].values
-    velocity = np.gradient(position, axis=1)
-    read = np.interp(time[place], aligned["time_kbr"].values, aligned["reading_range_rate"].values)
-
-    def left(first, second):
-        apart = position[1, second] - position[0, first]
-        rate = np.einsum("ni,ni->n", apart, velocity[1, second] - velocity[0, first])
-        return np.nanmean((read - rate / np.linalg.norm(apart, axis=1)) ** 2)
-
-    tried = {
-        0: [left(place - k, place - k) for k in lag],
-        3: [left(place + k, place) for k in lag],
-        4: [left(place, place + k) for k in lag],
-    }
+    moved = moved_orbits(aligned)
+    left = _rates_left(aligned, moved, place)
+    tried = {which: [np.nanmean(left(which, k) ** 2) for k in lag] for which in (0, 3, 4)}
     best = min(tried, key=lambda which: min(tried[which]))  # the ranging if none is late
     found[best] = _clear(lag, tried[best])
-    at = [np.clip(np.arange(time.size) + int(k), 0, time.size - 1) for k in found[3:]]
-    between = position[1, at[1]] - position[0, at[0]]
+    first, second = (moved(k, np.arange(time.size), int(late)) for k, late in enumerate(found[3:]))
+    between = second - first
     between /= np.linalg.norm(between, axis=1, keepdims=True)
-    spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
-    routine = place[~in_windows(time[place], spans, MARGIN_S)]
+    routine = place[~in_windows(time[place], _spans(pointed), MARGIN_S)]
     for k, toward in enumerate((between, -between)):
         quaternion = aligned["quaternion"].values[k]
         known = routine[np.isfinite(quaternion[routine]).all(axis=1)]
@@ -153,16 +142,78 @@ def late_of_pair(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
     return found
 
 
+def moved_orbits(aligned: xr.Dataset):
+    """Function (satellite, seconds (n,), s) -> inertial positions (n, 3) m there, were the tags of the orbit so late.
+
+    An orbit in the frame of the Earth turns with it by what its tags are late. Beyond the record its ends stand.
+    """
+    time, position = aligned["time"].values, aligned["position_i"].values
+    fixed = aligned.attrs.get("orbit") == "GNV1B"
+    R_ei = earth.R_ei(time) if fixed else None
+    position_e = np.matvec(R_ei, position) if fixed else None
+
+    def at(satellite, place, late):
+        then = np.clip(place + late, 0, time.size - 1)
+        if not fixed or not late:
+            return position[satellite, then]
+        return np.matvec(np.swapaxes(R_ei[np.clip(place, 0, time.size - 1)], 1, 2), position_e[satellite, then])
+
+    return at
+
+
+def _rates_left(aligned, moved, place):
+    """Function (stream, s) -> (n,) m s-1 left of the range rate by the orbits, were the tags of the stream so late."""
+    read = np.interp(aligned["time"].values[place], aligned["time_kbr"].values, aligned["reading_range_rate"].values)
+
+    def left(stream, late):
+        here = place - late if stream == 0 else place
+        before, apart, after = (
+            moved(1, here + step, late * (stream == 4)) - moved(0, here + step, late * (stream == 3))
+            for step in (-1, 0, 1)
+        )
+        return read - np.einsum("ni,ni->n", apart, (after - before) / 2) / np.linalg.norm(apart, axis=1)
+
+    return left
+
+
+def late_orbit(aligned: xr.Dataset, pointed: xr.Dataset, late: np.ndarray) -> dict | None:
+    """What the tags of one orbit, off by `late_of_pair`, do to the range rate in routine pointing; None if none is off.
+
+    {"late" s, "satellite" 0 or 1; time (n,) s; left (n,) m s-1, read less by the orbits as tagged; change (n,) of that
+    by each second of delay}
+    """
+    if not np.any(np.abs(late[3:]) > LATE_S):
+        return None
+    number = int(np.argmax(np.abs(late[3:])))
+    delay, time = int(late[3 + number]), aligned["time"].values
+    place = np.arange(LONGEST_S + 1, time.size - LONGEST_S - 1, EVERY_S)
+    routine = place[~in_windows(time[place], _spans(pointed), MARGIN_S)]
+    place = routine if 2 * routine.size > place.size else place  # by such an orbit all may look like manoeuvres
+    left = _rates_left(aligned, moved_orbits(aligned), place)
+    known = left(3 + number, 0)
+    change = (known - left(3 + number, delay)) / delay
+    return {"late": delay, "satellite": number, "time": time[place], "left": known, "change": change}
+
+
+def off_orbit(time, quaternion, orbit_time, state_i, axis: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Angle (n,) rad by which an axis of the body lies behind the flight in the plane of the orbit, and its rate there.
+
+    By attitudes (n, 4) of one time against states (m, 6) of another; that against the flight counts as along it. Zero
+    where the axis is not along the flight. Over the rate (n,) rad s-1 it is the time by which attitudes are late.
+    """
+    state = np.stack([np.interp(time, orbit_time, column) for column in state_i.T], axis=1)
+    rate = np.linalg.norm(np.cross(state[:, :3], state[:, 3:]), axis=1) / np.sum(state[:, :3] ** 2, axis=1)
+    above, _, along = np.matvec(frames.flight_frame(state), frames.R_bi_from_quaternion(quaternion)[:, axis]).T
+    sign, seen = np.sign(np.median(along)), abs(np.median(along)) > 0.5
+    return np.arctan2(sign * above, sign * along) * seen, rate
+
+
+def _spans(pointed):
+    """Begin and end (w, 2) s of the manoeuvres."""
+    return np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
+
+
 def _clear(lag, left):
     """Lag that leaves least, 0 unless any that is further away leaves clearly more."""
     best = lag[np.argmin(left)]
     return best if CLEARLY * np.min(left) < np.min(np.asarray(left)[np.abs(lag - best) > APART_S]) else 0
-
-
-def refuse_late_orbits(late: np.ndarray, satellites: str) -> None:
-    """Raise if the tags of one orbit are off, of `late_of_pair`: of such a pair nothing else can be said."""
-    for letter, one in zip(satellites, late[3:], strict=True):
-        if abs(one) > LATE_S:
-            found, remedy = f"tags late by {one:.0f} s against ranging and the other", "Give an orbit of the same time."
-            expected = f"at most {LATE_S:.0f} s, without which no cause can be looked for"
-            refuse(f"orbit {letter}", found, expected, remedy, EstimationError, late=float(one))

@@ -1,14 +1,19 @@
 """Causes as the adapters of several calibrations try them: effects of the catalogue, and drivers in no list."""
 
+import functools
 from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
-from gravcal.effects import Effect
-from gravcal.estimation.noise import NoiseModel, whiten
-from gravcal.estimation.records import Candidate, Entry
+from gravcal.effects import Effect, effect
+from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter
 
 Columns = list[np.ndarray | None]
+SPIKE = 12.0  # times the median distance from the median, 8 sigma
+PARTS, ROWS = 8, 40  # most blocks of a record, and their least rows
 
 
 def listed(
@@ -46,3 +51,82 @@ def on_axes(series: np.ndarray) -> np.ndarray:
 def whitened(noise: Sequence[NoiseModel], values: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Whitened rows (3 n, q), axis after axis, of values (n, 3, q) with a noise model for each axis."""
     return np.concatenate([whiten(model, np.ascontiguousarray(values[:, a]), valid) for a, model in enumerate(noise)])
+
+
+@dataclass(frozen=True)
+class LateOrbit(Observations):
+    """Records of which the orbit has tags that are minutes off: of them nothing but that is looked for."""
+
+    records: Any  #: what the calibration is made of once the delay is taken out
+    time: np.ndarray  #: (n,) s
+    left: np.ndarray  #: (n,) 1, what contradicts the orbit as tagged
+    change: np.ndarray  #: (n,) s-1, of that by each second of delay
+    delay: Parameter
+    channel: str
+    name: str
+    form: str = ""
+    parameters: tuple[str, ...] = ()  #: of a calibration whose result is made anew, of which these rows know nothing
+    unit: str = "1"
+
+    step, readable, shifted = "unknown:step", ("none",), True
+    order = 6  # coefficients of the noise
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """The one that contradicts the orbit."""
+        return (self.channel,)
+
+    @property
+    def scale(self) -> np.ndarray:
+        """One for each parameter."""
+        return np.ones(len(self.parameters))
+
+    @property
+    def start(self) -> np.ndarray:
+        """Nought for each."""
+        return np.zeros(len(self.parameters))
+
+    @functools.cached_property
+    def rows(self) -> list[tuple[np.ndarray, np.ndarray]]:
+        """Epochs, and whitened rows (m, 2) of what is left and of the change, of each block; spikes are left out."""
+        both = np.column_stack([self.left, self.change, self.left - self.delay.value * self.change])
+        away = np.abs(both[:, 2] - np.nanmedian(both[:, 2]))
+        step = np.median(np.diff(self.time))
+        place = np.rint((self.time - self.time[0]) / step).astype(int)
+        even = np.full((place[-1] + 1, 3), np.nan)
+        even[place] = np.where((away <= SPIKE * np.nanmedian(away))[:, None], both, np.nan)
+        known = np.flatnonzero(np.isfinite(even[:, 2]))
+        known = np.array_split(known, np.clip(known.size // ROWS, 2, PARTS))
+        parts = [np.arange(one[0], one[-1] + 1) for one in known]
+        noise, made = fit_noise([even[p, 2] for p in parts], self.order, 1.0), []
+        for p in parts:
+            known = np.isfinite(even[p, 2])
+            made.append((self.time[0] + step * p[known], whiten(noise, even[p, :2], known)[known]))
+        return made
+
+    @property
+    def blocks(self) -> list[Block]:
+        """One block a stretch of time."""
+        made = []
+        for time, rows in self.rows:
+            channel, axis = np.full(time.size, self.channel), np.zeros(time.size, dtype=int)
+            none = np.zeros((time.size, len(self.parameters))), np.zeros((time.size, 0))
+            made.append(Block(f"from {time[0]:.0f} s", rows[:, 0], *none, channel, axis, time))
+        return made
+
+    @property
+    def candidates(self) -> list[Candidate]:
+        """Late tags of the orbit."""
+        return [listed(effect("timing.orbit_delay"), [rows[:, 1:] for _, rows in self.rows], self.form, prior=False)]
+
+    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
+        """The delay as it was found."""
+        return replace(entry, parameters={"delay": self.delay})
+
+    def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
+        """Never: the records that are left are not those of the orbit."""
+        return False
+
+    def without(self, model: Sequence[Entry]) -> Any:  # noqa: ARG002
+        """Records with the orbit where it was, or as they are."""
+        return self.records

@@ -23,6 +23,7 @@ CHANNELS = {
     "mag_delay": "s",  # tag minus true time of the magnetometer and torquer telemetry
     "impulse_b": "N m s",  # angular impulse of each thruster firing
     "thr_delay": "s",  # tag minus true time of the thruster telemetry
+    "orbit_delay": "s",  # tag minus true time of the orbit
 }
 
 

@@ -21,6 +21,7 @@ for _word, _channel, _what in (
     ("star_camera", "sca_delay", "star camera"),
     ("magnetometer", "mag_delay", "magnetometer and torquer telemetry"),
     ("thruster", "thr_delay", "thruster telemetry"),
+    ("orbit", "orbit_delay", "orbit"),
 ):
     _delay = Parameter("delay", "s", f"{_what} tags are late by", 0.1)
     TIMING.law(f"timing.{_word}_delay", _channel, (_delay,), _REFERENCE)(_late)

@@ -8,11 +8,10 @@ from kbr_campaign import DAY, NOMINAL, process, simulated, true_mm
 from scipy.stats import chi2
 
 from gravcal import catalog
-from gravcal.calibrations.align import LATE_S, QUATERNION, late_of_pair, refuse_late_orbits
+from gravcal.calibrations.align import LATE_S, QUATERNION, late_of_pair
 from gravcal.calibrations.kbr_phase_centre.observations import observe
 from gravcal.discovery import attribution, driver
 from gravcal.discovery.problem import baseline_of, inverse_of, prepare
-from gravcal.errors import EstimationError
 from gravcal.estimation.records import Entry, Parameter
 from tasks import kbr_phase_centre as stages
 
@@ -69,10 +68,10 @@ def test_a_late_star_camera_of_one_satellite_is_a_delay_of_that_one():
 
 @pytest.mark.parametrize(
     ("late", "cause"),
-    [("SCA1BC", "timing.star_camera_delay"), ("KBR1B", "ranging.delay")],
+    [("SCA1BC", "timing.star_camera_delay"), ("KBR1B", "ranging.delay"), ("GNI1BD", "timing.orbit_delay")],
 )
 def test_records_shifted_against_each_other_name_no_cause_but_timing(late, cause):
-    """Recovery: tags 137 s late: the delay within 4 sigma, which are below a second, and noise is left; no orbit is.
+    """Recovery: tags 137 s late: the delay within 4 sigma, which are below a second or two, and noise is left.
 
     Star cameras as measured: their noise in the turning of the satellites would hide four fifths of a second.
     """
@@ -81,15 +80,14 @@ def test_records_shifted_against_each_other_name_no_cause_but_timing(late, cause
         columns[key]["gps_time"] = columns[key]["gps_time"] + 137
     observed = seen(columns)
     told = json.loads(driver.discover(observed, driver.Limits(0.005, 9.0, 4, 1800.0, 1)).attrs["numbers"])
-    (one,) = told["findings"]
-    assert (one["cause"], one["tied_with"], told["adequate_after"]) == (cause, [], True)
+    (one,) = (finding for finding in told["findings"] if finding["cause"] != "unknown:excess")
+    assert (one["cause"], one["tied_with"]) == (cause, [])
+    assert told["adequate_after"] or "orbit" in cause  # range rate without an antenna correction
     delay = Parameter(**one["parameters"]["delay"])
-    assert abs(delay.value - 137) < 4 * delay.sigma < 1
+    assert abs(delay.value - 137) < 4 * delay.sigma < (3 if "orbit" in cause else 1)
     back = observed.without([Entry(cause, one["form"], {"delay": delay})])
     pointed = stages.pointing(back, **catalog.parameters("kbr_phase_centre").for_stage("pointing"), **GIVEN)
     assert np.all(np.abs(late_of_pair(back, pointed)) < LATE_S)
-    with pytest.raises(EstimationError, match="orbit D: found tags late by 137 s"):
-        refuse_late_orbits(np.array([0, 0, 0, 0, 137]), "CD")
 
 
 @pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="long doubles have no more digits here")

@@ -62,13 +62,20 @@ def test_a_hidden_wave_is_named_and_taken_out(tmp_path):
     assert abs(sine["value"] - 8e-3) < 4 * sine["sigma"] < 1e-3
 
 
-@pytest.mark.parametrize(("late", "named"), [("SCA1B", ["timing.star_camera_delay"]), ("KBR1B", ["ranging.delay"])])
+@pytest.mark.parametrize(
+    ("late", "named"),
+    [
+        ("SCA1B CD", ["timing.star_camera_delay"]),
+        ("KBR1B Y", ["ranging.delay"]),
+        ("GNI1B D", ["timing.orbit_delay"]),
+    ],
+)
 def test_records_shifted_against_each_other_name_no_cause_but_timing(tmp_path, late, named):
     """Recovery: tags 137 s late: the record is named, and the delay within its error."""
     chosen = catalog.parameters("simulate_ranging").with_settings({"phase_step_s": 1.0})
     columns, _ = simulation.simulate("CD", chosen, 653011200.0 - 43200.0, seeds.seed("ranging_late", 1e-4), {})
     for (product, letter), values in columns.items():
-        shifted = {"gps_time": values["gps_time"] + 137 * (product == late)}
+        shifted = {"gps_time": values["gps_time"] + 137 * (product == late[:5] and letter in late[6:])}
         writers.write(dict(values) | shifted, tmp_path / writers.file_name(product, chosen.date, letter))
     assert run(tmp_path)["status"] == "questionable"
     found = run(tmp_path, discovery=True)["findings"]

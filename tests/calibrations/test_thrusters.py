@@ -16,7 +16,7 @@ from flows import discover
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.calibrations.thrusters import estimate, model, noise
-from gravcal.io import archive, readers
+from gravcal.io import archive, readers, writers
 from gravcal.physics import frames
 
 COUNT = 20
@@ -136,6 +136,19 @@ def test_firings_late_by_minutes_name_no_cause_but_timing(tmp_path, late):
     sign = 1 if found[0]["cause"] == LATE else -1
     delay = found[0]["parameters"]["delay"]
     assert abs(sign * delay["value"] - late) < 2 * delay["sigma"] < 3
+
+
+def test_an_orbit_late_by_minutes_is_named_and_nothing_else(tmp_path):
+    """Recovery: attitude and firings agree and the orbit is of another time; within its error."""
+    CALIBRATION.simulate(tmp_path, seed=5, settings={"duration_s": "10800", "quiet_s": "900"})
+    file = archive.find(tmp_path, "GNV1B", "A", DAY)
+    columns = {name: one.values for name, one in readers.read(file).items()}
+    writers.write(columns | {"gps_time": columns["gps_time"] + 137}, file.path)
+    failed = {one["name"] for one in commands.run("thrusters", tmp_path)[0]["checks"] if not one["passed"]}
+    assert failed == {"tags of the attitude against the orbit"}
+    (one,) = commands.run("thrusters", tmp_path, discovery=True)[0]["findings"]
+    assert (one["cause"], one["tied_with"]) == ("timing.orbit_delay", [])
+    assert abs(one["parameters"]["delay"]["value"] - 137) < one["parameters"]["delay"]["sigma"] < 20
 
 
 STILL = [[0.3, -1.1, 0.4], [2.0, 0.5, -1.2]]

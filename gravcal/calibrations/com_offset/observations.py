@@ -8,7 +8,8 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import block_diag
 
-from gravcal.calibrations.causes import listed
+from gravcal.calibrations.align import OFF_S, POINTING_S, between, off_orbit
+from gravcal.calibrations.causes import LateOrbit, listed
 from gravcal.calibrations.com_offset import checks, lag, manoeuvre, responses
 from gravcal.calibrations.com_offset.estimate import QUIET_S, adopted
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
@@ -26,10 +27,10 @@ WHOLE_S = 0.5
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
 
 
-def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | Late | None":
+def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | Late | LateOrbit | None":
     """Observations of an event from "align", "field", "attitude" and "solve" with variant mtq.
 
-    None without manoeuvre.
+    None without manoeuvre. Where instruments agree and attitudes are off the orbit, the orbit is of another time.
 
     Settings are those of the stages attitude, noise and solve, with inertia, dipole_per_current and mass; for the
     blocks also linear_drift_degree and angular_drift_degree, and for `common` drag_sigma_m_s2 and period_s.
@@ -40,10 +41,31 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | Late
     late = checks.late(aligned)
     if late:  # the rest is looked for once they are moved
         return Late(aligned, late, settings["noise_order"])
+    orbit = _late_orbit(aligned)
+    if orbit is not None:
+        return orbit
     records = products["align"], products["field"], products["attitude"]
     offset, noise = manoeuvre.offset_of(products["solve"]), {}
     views = manoeuvre.manoeuvres(*records, offset, noise, settings)
     return ComOffset(*records, offset, views, noise, settings)
+
+
+def _late_orbit(aligned):
+    """Observations of an event whose orbit is of another time, by less than it could be moved back by; None else."""
+    known = np.isfinite(aligned["quaternion"].values).all(axis=1)
+    every = max(known.sum() // 1000, 1)
+    time, quaternion = (aligned[name].values[known][::every] for name in ("time_sca", "quaternion"))
+    orbit = aligned["time_orbit"].values
+    inside = between(time, orbit, checks.STEP_LIMIT_S) if orbit.size > 1 else np.zeros(time.size, dtype=bool)
+    if not inside.any():
+        return None
+    state = np.concatenate([aligned[name].values for name in ("position_i", "velocity_i")], axis=1)
+    angle, rate = off_orbit(time[inside], quaternion[inside], orbit, state)
+    apart = float(np.median(angle / rate))
+    if not abs(apart) > OFF_S:
+        return None
+    delay, about = Parameter(-apart, POINTING_S, "s"), (ComOffset.name, "", ComOffset.parameters, ComOffset.unit)
+    return LateOrbit(aligned, time[inside], angle, -rate, delay, "attitude", *about)
 
 
 @dataclass(frozen=True)

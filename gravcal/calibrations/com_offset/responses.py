@@ -33,6 +33,7 @@ NOT_HERE = (
     "accelerometer.stray_tone",
     "torque.thruster_firings",
     "timing.thruster_delay",
+    "timing.orbit_delay",
     "attitude.star_camera_heads",
     *OF_WARMTH,
 )

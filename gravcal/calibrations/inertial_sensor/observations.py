@@ -7,10 +7,22 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.align import POINTING_S, off_orbit
+from gravcal.calibrations.causes import LateOrbit
 from gravcal.calibrations.inertial_sensor import observed_roll, observed_swing
 from gravcal.calibrations.inertial_sensor.observed_roll import RollView
 from gravcal.calibrations.inertial_sensor.observed_swing import SwingView
-from gravcal.estimation.records import Block, Candidate, Entry, Fitted, LineSearch, Observations, Reported, epoch_of
+from gravcal.estimation.records import (
+    Block,
+    Candidate,
+    Entry,
+    Fitted,
+    LineSearch,
+    Observations,
+    Parameter,
+    Reported,
+    epoch_of,
+)
 
 #: Factor from SI and unit in which a parameter is reported, by the first word of its name.
 REPORTED = {
@@ -28,12 +40,20 @@ HARMONICS = 4  # of a smooth motion, in what follows it
 NEAR = np.linspace(-1.0, 1.0, 21)
 
 
-def observe(products: Mapping[str, xr.Dataset], *, scene: Mapping, rolling: Mapping) -> "InertialSensor | None":
-    """Observations of an event, None without swing and roll.
+def observe(
+    products: Mapping[str, xr.Dataset], *, scene: Mapping, rolling: Mapping, pointing_limit_rad: float
+) -> "InertialSensor | LateOrbit | None":
+    """Observations of an event, None without swing and roll; where the orbit of a swing is of another time, that alone.
 
     Products are "align", "scale" and "offset" of a swing, "segment" and "bias" of a roll, as far as they are there;
-    scene holds the settings of `observed_swing.view_of`, rolling those of `observed_roll.view_of`.
+    scene holds the settings of `observed_swing.view_of`, rolling those of `observed_roll.view_of`; attitudes may be off
+    the orbit by pointing_limit_rad.
     """
+    if "align" in products:
+        time, angle, rate = off_the_orbit(products["align"])
+        if abs(np.median(angle)) > pointing_limit_rad:
+            delay = Parameter(-float(np.median(angle / rate)), POINTING_S, "s")
+            return LateOrbit(products["align"], time, angle, -rate, delay, "attitude", InertialSensor.name)
     swing = observed_swing.view_of(products, scene) if "align" in products else None
     roll = observed_roll.view_of(products, rolling) if "bias" in products else None
     views = [view for view in (roll, swing) if view]
@@ -56,6 +76,17 @@ def observe(products: Mapping[str, xr.Dataset], *, scene: Mapping, rolling: Mapp
             LineSearch(c, a, observed_swing.TONE, "m s-2") for c in channels if c in READABLE for a in range(3)
         ),
     )
+
+
+def off_the_orbit(aligned: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Every five seconds time s, angle rad by which attitudes lie behind the orbit, and its rate rad s-1, (n,) each."""
+    orbit, position = (aligned[name].values for name in ("time", "position_i"))
+    known = np.flatnonzero(np.isfinite(position).all(axis=1))[::50]
+    orbit, position = orbit[known], position[known]
+    state = np.column_stack([position, np.gradient(position, orbit, axis=0)])
+    near = np.unique(np.clip(np.searchsorted(aligned["time_att"].values, orbit), 0, aligned.sizes["time_att"] - 1))
+    time, quaternion = aligned["time_att"].values[near], aligned["quaternion"].values[near]
+    return time, *off_orbit(time, quaternion, orbit, state, axis=2)
 
 
 @dataclass(frozen=True)

@@ -13,8 +13,8 @@ import numpy as np
 import xarray as xr
 from scipy.signal import lfilter
 
-from gravcal.calibrations.align import LATE_S, late_of_pair, refuse_late_orbits
-from gravcal.calibrations.causes import listed
+from gravcal.calibrations.align import LATE_S, WHOLE_S, late_of_pair, late_orbit, moved_orbits
+from gravcal.calibrations.causes import LateOrbit, listed
 from gravcal.calibrations.kbr_phase_centre import model, noise
 from gravcal.calibrations.kbr_phase_centre.align import interpolated
 from gravcal.calibrations.kbr_phase_centre.estimate import of_manoeuvres
@@ -84,7 +84,7 @@ def observe(
     of_pointing: Mapping,
     of_observable: Mapping,
     plausible_mm: Sequence[float],
-) -> "Ranging | None":
+) -> "Ranging | LateOrbit | None":
     """Observations of a campaign, None without a wiggle.
 
     Products are "align", "pointing", "observable", "noise" and "solve" of the range, the settings those of their
@@ -94,7 +94,9 @@ def observe(
     """
     aligned, pointed, equations = (products[name] for name in ("align", "pointing", "observable"))
     late, nominal = late_of_pair(aligned, pointed), np.asarray(nominal_m, dtype=float).reshape(2, 3)
-    refuse_late_orbits(late, pointed.attrs["satellites"])
+    orbit = late_orbit(aligned, pointed, late)
+    if orbit is not None:
+        return _late_orbit(aligned, orbit)
     if not pointed.sizes["manoeuvre"]:
         return None
     records, measured, centre = aligned, products["noise"], products["solve"]["centre"].values[0, 0]
@@ -152,6 +154,24 @@ def observe(
         for half in halves:
             residual[half.rows] -= residual[half.rows].mean()
     return made
+
+
+def _late_orbit(aligned, orbit):
+    """Observations of a campaign with one orbit of another time, by the range rate."""
+    number, position = orbit["satellite"], aligned["position_i"].values.copy()
+    now = np.arange(aligned.sizes["time"])
+    there = (now + orbit["late"] >= 0) & (now + orbit["late"] < now.size)
+    position[number] = np.where(there[:, None], moved_orbits(aligned)(number, now, orbit["late"]), np.nan)
+    return LateOrbit(
+        aligned.assign(position_i=aligned["position_i"].copy(data=position)),
+        *(orbit[name] for name in ("time", "left", "change")),
+        delay=records.Parameter(float(orbit["late"]), WHOLE_S, "s"),
+        channel="range rate",
+        name=Ranging.name,
+        parameters=PARAMETERS,
+        unit=Ranging.unit,
+        form=tuple(SATELLITES)[1 + number],
+    )
 
 
 def turned(time: np.ndarray, quaternion: np.ndarray, late) -> np.ndarray:

@@ -8,7 +8,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations import checks, schemas
-from gravcal.calibrations.align import QUATERNION, usable
+from gravcal.calibrations.align import QUATERNION, off_orbit, usable
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
 from gravcal.effects.sensors import OF_MAGNETOMETER, OF_WARMTH
@@ -76,6 +76,7 @@ def align(
     slope = (field_at(after)[0] - field_at(before)[0]) / (after - before)[:, None]
     scale = 1e-6 if mag[columns[0]].attrs.get("units") != "T" else 1.0
     inertial = earth.state_to_inertial(orbit_time, state[:, :3], state[:, 3:])
+    at_tags = frames.interpolate(sca_time, quaternion, time)
     turn = frames.attitude_error(quaternion[1:], quaternion[:-1]) / np.diff(sca_time)[:, None]
     dense = np.median(np.diff(orbit_time)) <= DENSE_S
     found = {
@@ -87,23 +88,12 @@ def align(
         "axis_b": axis,
         "warmth": orbit_environment.warmth(time, orbit_time, inertial[0]),
         "rate_b": turn[np.clip(np.searchsorted(sca_time, time, side="right") - 1, 0, len(turn) - 1)],
-        "camera_late": _camera_late(time, sca_time, quaternion, orbit_time, *inertial),
+        "camera_late": np.median(np.divide(*off_orbit(time, at_tags, orbit_time, np.concatenate(inertial, axis=1)))),
         "step": np.median(np.diff(time)),
         "attitude_jump": checks.attitude_jump(sca_time, quaternion),
         "velocity_error": checks.velocity_error(orbit_time, *inertial) if dense else 0.0,
     }
     return build(SCHEMAS["align"], found)
-
-
-def _camera_late(time, sca_time, quaternion, orbit_time, position_i, velocity_i):
-    """Seconds by which attitudes are tagged late against the orbit, 0 where x of the body is not along the flight."""
-    state = np.concatenate([position_i, velocity_i], axis=1)
-    state = np.stack([np.interp(time, orbit_time, column) for column in state.T], axis=1)
-    rate = np.linalg.norm(np.cross(state[:, :3], state[:, 3:]), axis=1) / np.sum(state[:, :3] ** 2, axis=1)
-    x = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))[:, 0]
-    above, _, along = np.matvec(frames.flight_frame(state), x).T
-    sign = np.sign(np.median(along))
-    return float(np.median(np.arctan2(sign * above, sign * along) / rate)) if abs(np.median(along)) > 0.5 else 0.0
 
 
 def late(aligned: xr.Dataset, camera_limit_s: float, delay_limit_s: float) -> dict[str, tuple[float, np.ndarray]]:

@@ -11,14 +11,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.align import POINTING_S
 from gravcal.calibrations.causes import listed
 from gravcal.calibrations.magnetometer import model
 from gravcal.effects import effect
 from gravcal.estimation.noise import NoiseModel, unwhiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, Reported
 
-#: Errors s of tags that are far off: 0.017 rad by which x of the body may be off the flight, 5 mrad of mounting.
-FAR = {"timing.star_camera_delay": 15.0, "timing.magnetometer_delay": 5.0}
+#: Errors s of tags that are far off, the second by 5 mrad of mounting.
+FAR = {"timing.star_camera_delay": POINTING_S, "timing.magnetometer_delay": 5.0}
 
 
 def observe(products: Mapping[str, xr.Dataset], *, blocks: int, **settings) -> "Readings":

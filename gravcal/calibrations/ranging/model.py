@@ -14,7 +14,7 @@ import xarray as xr
 from scipy.linalg import cholesky, solve_triangular
 
 from gravcal.calibrations import checks, named_parameters, schemas
-from gravcal.calibrations.align import late_of_pair
+from gravcal.calibrations.align import late_of_pair, late_orbit
 from gravcal.calibrations.schemas import build
 from gravcal.effects.ranging import BANDS_HZ
 from gravcal.errors import EstimationError, refuse
@@ -45,7 +45,9 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
     Products are "align", "pointing" and "observable" of kbr_phase_centre; nominal_m (2, 3) are the phase centres of the
     catalogue; above noise_hz pointing is all noise.
     """
-    quiet = equations["arc"].values == -1
+    late = late_of_pair(aligned, pointed)
+    apart = late_orbit(aligned, pointed, late)
+    quiet = (equations["arc"].values == -1) | (apart is not None)  # by orbits of two times pointing is none
     at = equations["time_kbr"].values[quiet]
     if at.size < 2:
         refuse(equations.attrs["ranging"], "no routine pointing", "a day with orbits", "Give one.", EstimationError)
@@ -80,11 +82,12 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
         "range_rate": np.gradient(distance, all_at)[here],
         "argument": np.interp(at, orbit, argument),
         "warmth": orbit_environment.warmth(at, orbit, position),
-        "late": late_of_pair(aligned, pointed),
+        "late": late,
         "frequency": frequency,
         "pointing_density": density,
         "pointing_gain": gain,
     }
+    values |= {f"rate_{name}": apart[name] for name in ("time", "left", "change")} if apart else {}
     return build(SCHEMAS["align"], values, satellites=equations.attrs["satellites"], ranging=equations.attrs["ranging"])
 
 

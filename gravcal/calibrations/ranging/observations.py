@@ -12,8 +12,8 @@ import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
-from gravcal.calibrations.align import LATE_S, refuse_late_orbits
-from gravcal.calibrations.causes import listed
+from gravcal.calibrations.align import LATE_S, WHOLE_S
+from gravcal.calibrations.causes import LateOrbit, listed
 from gravcal.calibrations.ranging import model
 from gravcal.effects import Context, Effect, effect
 from gravcal.estimation import least_squares, records
@@ -32,19 +32,18 @@ EFFECTS = (
     "ranging.thermal",
 )
 
-WHOLE_S = 0.5  # delays are looked for in whole seconds
-
 
 def observe(
     products: Mapping[str, xr.Dataset], *, nominal_m, correction_left_out: bool, determined_limit_mm: float, **settings
-) -> "Routine":
+) -> "Routine | LateOrbit":
     """Observations of a day ("ranging.align"); settings as of `model.blocks`.
 
     correction_left_out takes the antenna correction of nominal_m (2, 3) away: a phase centre may then be named, a
     component with a larger sigma than the limit not.
     """
     rows, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
-    refuse_late_orbits(rows["late"].values, rows.attrs["satellites"])
+    if "rate_left" in rows:
+        return _late_orbit(rows)
     added = 0.0 if correction_left_out else rows["correction"].values
     ahead, segment = rows["time"].values + rows["late"].values[0], rows["segment"].values
     beyond = (ahead < rows["time"].values[0]) | (ahead > rows["time"].values[-1])  # by late tags no range is known
@@ -53,6 +52,19 @@ def observe(
     late = late_columns(rows).get("ranging.delay", np.zeros((1, 1)))[:, 0] * rows["late"].values[0]
     tried = np.concatenate([columns for _, columns in made.laws], axis=1)
     return replace(made, parts=model.blocks(rows, **settings, added=added - late, beside=tried))
+
+
+def _late_orbit(rows):
+    """Observations of a day with one orbit of another time, by the range rate."""
+    which = int(np.argmax(np.abs(rows["late"].values[3:])))
+    return LateOrbit(
+        rows,
+        *(rows[name].values for name in ("rate_time", "rate_left", "rate_change")),
+        delay=Parameter(float(rows["late"].values[3 + which]), WHOLE_S, "s"),
+        channel="range rate",
+        name=Routine.name,
+        form=f"{'ab'[which]} alone",
+    )
 
 
 def late_columns(rows: xr.Dataset) -> dict[str, np.ndarray]:

@@ -150,7 +150,10 @@ def check(aligned: xr.Dataset, found: xr.Dataset, **limits: float) -> xr.Dataset
     """Checks of the inputs against each other and of the result, "thrusters.align" and "thrusters.estimate"."""
     jump = checks.attitude_jump(aligned["time"].values, aligned["quaternion"].values)
     ratio, inflated = found["gain"] / max(float(found["shifted_gain"].max()), 1.0), found["inflation"]
+    _, angle, rate = model.off_the_orbit(aligned)
+    apart = abs(np.median(angle / rate))
     made = [
+        at_most("tags of the attitude against the orbit", apart, limits["camera_limit_s"], "s"),
         at_most("jump of the attitude", jump, limits["jump_limit_rad"], "rad"),
         at_most(
             "velocity against change of position", aligned["velocity_error"], limits["velocity_limit_m_s"], "m s-1"

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from scipy.ndimage import uniform_filter1d
 
 from gravcal.calibrations import checks, schemas
-from gravcal.calibrations.align import QUATERNION, own_tags, sorted_samples, usable
+from gravcal.calibrations.align import QUATERNION, off_orbit, own_tags, sorted_samples, usable
 from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import least_squares, timing
@@ -117,6 +117,15 @@ def records(aligned: xr.Dataset) -> Records:
     camera = Camera(one["time"], one["quaternion"], one["head"], one["quality"], float(one["step"]))
     twin = Firings(one["twin_firing"], one["twin_impulse_b"]) if "twin_firing" in one else None
     return Records(camera, Firings(one["firing"], one["impulse_b"]), twin)
+
+
+def off_the_orbit(aligned: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Once a minute time s, angle rad by which attitudes lie behind the orbit, and its rate rad s-1, (n,) each."""
+    orbit, position, time = (aligned[name].values for name in ("time_orbit", "position_i", "time"))
+    state = np.column_stack([position, np.gradient(position, orbit, axis=0)])
+    near = np.searchsorted(time, orbit[1:-1])
+    near = np.unique(near[(near > 0) & (near < time.size)])
+    return time[near], *off_orbit(time[near], aligned["quaternion"].values[near], orbit, state)
 
 
 def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -7,7 +7,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.causes import listed
+from gravcal.calibrations.align import POINTING_S, WHOLE_S
+from gravcal.calibrations.causes import LateOrbit, listed
 from gravcal.calibrations.thrusters import estimate, model
 from gravcal.calibrations.thrusters.model import Firings, Segment
 from gravcal.effects import Context, effect
@@ -20,16 +21,26 @@ PRESENT = ("torque.thruster_firings", "timing.thruster_delay", "unknown:star_cam
 DELAYS = {"timing.thruster_delay": 1, "timing.star_camera_delay": -1}  # late firings look like an early camera
 unweighed = functools.partial(listed, prior=False)
 LATE_S = 10  # within seconds control answers a firing
-WHOLE_S = 0.5  # delays are looked for in whole seconds
 HEADS = 0b111  # bits of sca_id that are heads; another is the gyroscopes
 SEEN = 3.0  # sigma of a bias between heads that may move the attitude
 
 
-def observe(products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot_s: float) -> "Attitude":
-    """Observations of one day: "align" and "noise" of thrusters, "heads" where there is SCA1A."""
+def observe(
+    products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot_s: float, camera_limit_s: float
+) -> "Attitude | LateOrbit":
+    """Observations of one day: "align" and "noise" of thrusters, "heads" where there is SCA1A.
+
+    Where attitude and firings agree and the orbit is of another time, nothing but that.
+    """
     records, noise = model.records(products["align"]), model.noise_of(products["noise"])
-    rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
     late = model.late(records, inertia)
+    time, angle, rate = model.off_the_orbit(products["align"])
+    apart = float(np.median(angle / rate))
+    if abs(apart) > camera_limit_s and abs(late) <= LATE_S:
+        return LateOrbit(
+            products["align"], time, angle, -rate, Parameter(-apart, POINTING_S, "s"), "pitch", Attitude.name
+        )
+    rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
     late = late if abs(late) > LATE_S else 0
     return Attitude(products["align"], records, rows, late, products.get("heads"))
 

@@ -153,6 +153,17 @@ def test_tags_that_are_minutes_off_are_named_first(made, name, cause):
     assert checks.late(back) == {}
 
 
+def test_an_orbit_of_another_time_is_named_and_nothing_else(made):
+    """Recovery: instruments agree and attitudes are off an orbit 137 s late; none is where nothing is."""
+    aligned = made[1]["align"]
+    seen = observations.observe({"align": moved(aligned, time_orbit=aligned["time_orbit"].values + 137.0)})
+    found = json.loads(driver.discover(seen, driver.Limits(0.005, 9.0, 4, 15.0, 1)).attrs["numbers"])["findings"]
+    one, *rest = found
+    assert (one["cause"], one["tied_with"]) == ("timing.orbit_delay", [])
+    assert {other["cause"] for other in rest} <= {"unknown:excess"}
+    assert abs(one["parameters"]["delay"]["value"] - 137) < one["parameters"]["delay"]["sigma"] < 20
+
+
 def test_two_orbit_products_are_compared_where_both_are(made):
     """Analytic: the other product 150 m away; with one product there is no such check."""
     observed, products = made

@@ -5,6 +5,7 @@ import netCDF4
 import numpy as np
 import pytest
 from commands import causes
+from independent.damage import late, netcdf
 from seeds import ALARM, MISSED, clean, enough
 
 RNG_LEVEL = 1e-4 + 2 * ALARM + 5 * MISSED  # of all its draws, see seeds.py
@@ -144,3 +145,13 @@ def drift_beside_a_swing(seed, folder):
 def test_a_model_takes_its_effect_out(rng, tmp_path, case):
     """Recovery: what was found alone brings the result back; see the cases."""
     enough(lambda seed, folder: None if case(seed, folder) else f"seed {seed}", rng, tmp_path)
+
+
+def test_an_orbit_late_by_minutes_is_named_and_nothing_else(tmp_path):
+    """Recovery: voltages and attitude agree and the orbit is of another time; within its error."""
+    commands.simulated("inertial_sensor", tmp_path / "level1", 6, manoeuvre="swing")
+    for path in (tmp_path / "level1").glob("ORB*"):
+        netcdf(path, ["time"], late(137.0))
+    (one,) = commands.discovered("inertial_sensor", tmp_path)["findings"]
+    assert (one["cause"], one["tied_with"]) == ("timing.orbit_delay", [])
+    assert abs(one["parameters"]["delay"]["value"] - 137) < one["parameters"]["delay"]["sigma"] < 20
