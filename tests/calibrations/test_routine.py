@@ -100,16 +100,21 @@ def test_an_accelerometer_gives_back_what_firings_do(day):
     assert gain["accelerometer.current_leak"] < 40  # nine parameters of nothing
 
 
-@pytest.mark.parametrize(("product", "late"), [("THR1B", 137), ("ACC1A", 137)])
+@pytest.mark.parametrize(("product", "late"), [("THR1B", 137), ("ACC1A", 137), ("MAG1B", 137)])
 def test_records_shifted_against_each_other_name_their_delay(day, tmp_path, product, late):
     """Recovery: tags 137 s late: the delay within its error, the impulses as before; the result is questionable."""
     for path in day[0].iterdir():
         (tmp_path / path.name).symlink_to(path)
     name = writers.file_name(product, DAY, "C")
-    tags = "rcvtime_intg" if product == "ACC1A" else "time_intg"
     columns = {k: v.values for k, v in readers.read(archive.find(tmp_path, product, "C", DAY)).items()}
     (tmp_path / name).unlink()
+    tags = next(one for one in ("rcvtime_intg", "time_intg") if one in columns)
     writers.write(columns | {tags: columns[tags] + late}, tmp_path / name)
+    if product == "MAG1B":  # whose currents the accelerometer is held against
+        found, _ = commands.run("routine", tmp_path, discovery=True)
+        assert {one["cause"] for one in found["findings"]} <= {"timing.magnetometer_delay", "unknown:excess"}
+        assert "of different times (timing: magnetometer delay 1" in found["parts"]["accelerometer"]["said"]
+        return
     found, _ = commands.run("routine", tmp_path, search=0)
     failed = {one["name"] for one in found["checks"] if not one["passed"]}
     assert "accelerometer: tags of firings against readings" in failed

@@ -25,6 +25,9 @@ PROVEN = {
     "thrusters": "simulated days and the measured day 2014-01-15 of GRACE, whose thruster table GRACE-FO is given",
     "ranging": "simulated days and the measured day 2014-01-15 of GRACE",
 }
+#: Parts that say when records are of which the accelerometer is held against, their causes, and what is no lag, s.
+HOLDERS, LATE_S = ("magnetometer", "thrusters"), 10.0
+HELD = ("timing.star_camera_delay", "timing.magnetometer_delay", "timing.orbit_delay")
 NOTES = (
     "Measured and simulated are shown less the slow part of the reading (drag, bias, aerodynamic torque), free "
     "between knots. A pair of thrusters has a linear and an angular acceleration of its own while it is on; torquers "
@@ -98,6 +101,9 @@ def report(
 ):
     """Report product of a day and its files, from products named "part.stage" and what parts could not run for."""
     products = dict(zip(names, given, strict=True))
+    searches = {part: products[f"{part}.discovery"] for part in pages if f"{part}.discovery" in products}
+    if _of_other_times({part: json.loads(one.attrs["numbers"]) for part, one in searches.items()}):
+        products.pop("accelerometer.discovery", None)
     instruments, sections, parameters, checked = {}, [], {}, []
     for part, own in pages.items():
         if f"{part}.estimate" not in products:
@@ -161,6 +167,20 @@ def _placed(part, sections, kind):
     return [replace(one, reads=[f"{part}.{name}" for name in one.reads]) for one in every]
 
 
+def _of_other_times(searches: Mapping[str, Mapping]) -> str:
+    """What the searches of other parts say of records that the accelerometer is held against, if tags are minutes off.
+
+    Searches are {part: numbers}.
+    """
+    said = []
+    for part in HOLDERS:
+        for one in searches.get(part, {}).get("findings", ()):
+            delay = one["parameters"].get("delay", {}).get("value") if one["cause"] in HELD else None
+            if delay is not None and abs(delay) > LATE_S:
+                said.append(f"{discovery_words.title(one['cause'])} {delay:.0f} s")
+    return f"its records are of different times ({', '.join(said)})" if said else ""
+
+
 def title(part: str) -> str:
     """Heading of a part."""
     return TITLES.get(part, part.capitalize())
@@ -171,9 +191,13 @@ def discovered(*found, parts: Mapping, missing: Mapping[str, str], reported: Map
 
     Parts are {part: calibration, event and settings}, missing {part: why it has none}, reported {part: Reported}.
     """
+    apart = _of_other_times({p: json.loads(one.attrs["numbers"]) for p, one in zip(parts, found, strict=True)})
+    searched = {part: (known, one) for (part, known), one in zip(parts.items(), found, strict=True)}
+    if apart and searched.pop("accelerometer", None):
+        missing = {**missing, "accelerometer": apart}
     told = {part: {"status": "no_data", "said": why} for part, why in missing.items()}
     sections, files, findings, products = [], {}, [], {}
-    for (part, known), one in zip(parts.items(), found, strict=True):
+    for part, (known, one) in searched.items():
         made, numbers = discovery.judged(one, **known, reported=reported[part])
         told[part] = made | {"proven_on": PROVEN[part]}
         findings += [finding | {"part": part} for finding in made["findings"]]
@@ -184,7 +208,7 @@ def discovered(*found, parts: Mapping, missing: Mapping[str, str], reported: Map
         if made["findings"] and "model" in known["settings"]:
             files[f"{part}.toml"] = discovery.model_text(numbers, known["event"])
     sections += [Section(title(part), notes=[f"Not searched: {why}."]) for part, why in missing.items()]
-    searched = {part: one for part, one in told.items() if part in parts}
+    searched = {part: one for part, one in told.items() if part in searched}
     said = [f"{title(part)}: {one['verdict']['text']}" for part, one in searched.items()]
     said += [f"{title(part)}: not searched, {why}." for part, why in missing.items()]
     body = {
