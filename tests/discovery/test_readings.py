@@ -11,7 +11,7 @@ from numpy.testing import assert_allclose
 from flows import com_offset, discover
 from gravcal import catalog
 from gravcal.calibrations.com_offset.observations import observe
-from gravcal.discovery.product import Shown, clearest, dataset, variables
+from gravcal.discovery.driver import Shown, clearest, dataset, variables
 from gravcal.discovery.rounds import Choice, search
 from gravcal.estimation.noise import whiten
 from gravcal.estimation.records import Block, Candidate

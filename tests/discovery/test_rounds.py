@@ -9,11 +9,10 @@ import pytest
 from scipy.signal import lfilter
 
 from gravcal.discovery.attribution import beside_calibration
-from gravcal.discovery.driver import Limits, discover
+from gravcal.discovery.driver import Limits, discover, summary
 from gravcal.discovery.limits import detection_limits
 from gravcal.discovery.model_average import _held, delivered, left_open
 from gravcal.discovery.problem import baseline_of, drawn_noise, prepare
-from gravcal.discovery.product import summary
 from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
 from gravcal.estimation.records import Block, Candidate, Observations, Shape, Wider
