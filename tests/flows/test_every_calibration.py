@@ -314,19 +314,6 @@ def test_manoeuvres_and_failures_have_an_origin_too(name, level_one, tmp_path, c
     assert (summary["status"], summary["origin"], summary["events"][0]["origin"]) == ("failed", *2 * ["simulated"])
 
 
-def test_measured_and_mixed_files_give_measured_and_mixed_documents(level_one, tmp_path):
-    """Contract: a header without a word of it counts as measured; one such file among simulated ones is a mixture."""
-    for path in (level_one / "kbr_phase_centre").iterdir():
-        text = path.read_bytes().replace(b"gravcal simulation", b"9a1b2")
-        (tmp_path / path.name).write_bytes(text.replace(b"simulated data", b"as flown"))
-    source = command.source("kbr_phase_centre", None, tmp_path, None, None)
-    chosen = command.chosen("kbr_phase_centre", None)
-    assert command.detect("kbr_phase_centre", source, chosen)["origin"] == "measured"
-    one = next((level_one / "kbr_phase_centre").glob("SCA1B*_D_*"))
-    (tmp_path / one.name).write_bytes(one.read_bytes())
-    assert command.detect("kbr_phase_centre", source, chosen)["origin"] == "mixed"
-
-
 @pytest.mark.parametrize("name", SMALL)
 def test_nothing_is_simulated_into_a_folder_of_others(name, level_one, tmp_path):
     """Contract: refused before anything is written; beside other simulated products and days it goes on."""

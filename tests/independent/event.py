@@ -35,7 +35,6 @@ class Settings:
     control_phase_s: float = 0.0  # control currents change this long after each MAG tag
     sca_flips: int = 0  # number of sign changes of the quaternion along the day
     field_generation: int = 13  # of IGRF
-    keep_scenes: bool = False  # leave the simulated states in the truth
 
 
 class Clocks:
@@ -134,7 +133,6 @@ def _write_window(world, window, writer):
     v_e = v_e - np.cross([0, 0, earth.ROTATION], r_e)
     writer.orbit("GNI1B", seconds, r, v)
     writer.orbit("GNV1B", seconds, r_e, v_e)
-    return now
 
 
 def make_event(folder, seed, **settings):
@@ -154,14 +152,14 @@ def make_event(folder, seed, **settings):
     world = World(seed, chosen)
     writer = Writer(folder, chosen.satellite, chosen.date, world.day)
     before, after = chosen.window_s
-    scenes = [_write_window(world, (m.start - before, m.stop + after), writer) for m in world.manoeuvres]
+    for m in world.manoeuvres:
+        _write_window(world, (m.start - before, m.stop + after), writer)
     writer.clocks(world.clocks)
     kinds = [(m.kind, m.start + world.day, m.stop + world.day) for m in world.manoeuvres]
-    truth = {
+    return {
         "seed": world.seed,
         "offset_um": list(chosen.offset_um),
         "manoeuvres": [dict(zip(("kind", "start", "stop"), one, strict=True)) for one in kinds],
         "effects": {name: world.effects[name] for name in chosen.effects},
         "files": {product: str(path) for product, path in writer.finish().items()},
     }
-    return truth | ({"scenes": scenes} if chosen.keep_scenes else {})

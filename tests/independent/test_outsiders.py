@@ -1,8 +1,5 @@
 """Ranging, Taiji-1 and S-GRS by simulators of another hand: what reader and writer of the package share shows here."""
 
-from pathlib import Path
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from commands import run
@@ -12,9 +9,6 @@ from gravcal.store import store
 from tasks.stage import read
 
 from . import gradient, ranging, taiji
-from .conftest import table
-
-DATA = Path(__file__).parents[3] / "shared" / "data" / "gracefo-2023-06-01"
 
 
 def within(value, sigma, truth, limit=4.0):
@@ -32,20 +26,6 @@ def only(said):
     """The one finding of a search, tied with nothing."""
     assert [(one["cause"], one["tied_with"]) for one in said["findings"]] == [(said["findings"][0]["cause"], [])]
     return said["findings"][0]["cause"], said["findings"][0]["parameters"]
-
-
-@pytest.mark.measured
-def test_light_time_is_that_of_the_real_file():
-    """Published: the correction of KBR1B from GNI1B of both satellites, to a nanometre."""
-    names = {letter: DATA / f"GNI1B_2023-06-01_{letter}_04.txt" for letter in "CD"}
-    rows = {letter: table({"files": names}, letter)[::5] for letter in "CD"}
-    kbr = table({"files": {"KBR1B": DATA / "KBR1B_2023-06-01_Y_04.txt"}}, "KBR1B")[: len(rows["C"])]
-    assert_allclose(kbr[:, 0], rows["C"][:, 0])
-    states = {
-        k: SimpleNamespace(position=lambda _, r=r: r[:, 3:6], velocity=lambda _, r=r: r[:, 9:12])
-        for k, r in rows.items()
-    }
-    assert_allclose(ranging.Pair.light_time(SimpleNamespace(orbit=states), kbr[:, 0]), kbr[:, 5], atol=2e-9)
 
 
 def test_both_phase_centres_come_back(tmp_path):
