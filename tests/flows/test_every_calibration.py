@@ -470,12 +470,12 @@ def test_every_unit_is_known_to_udunits():
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_a_report_begins_with_its_verdict_and_its_numbers_can_be_traced(kinds, name):
+def test_a_report_begins_with_its_verdict_and_its_numbers_can_be_traced(level_one, name):
     """Contract: origin, then verdict; one style, no script, nothing asked of other hosts, pictures described.
 
     What document and page name finds the product, as `gravcal products show` looks for it.
     """
-    folder = kinds[f"{name}.report"].parent
+    folder = Path(made(name, level_one)["report"])
     page = (folder / "report.html").read_text()
     body = page.partition("<main>")[2].lstrip()
     assert re.match(r'<p class="origin">Simulated data: [^<]*</p>\s*<p class="verdict', body)
