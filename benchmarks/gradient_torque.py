@@ -2,6 +2,7 @@
 
 import statistics
 import time
+import timeit
 
 import numpy as np
 import xarray as xr
@@ -76,11 +77,7 @@ def numpy_gradient(field, position, tables):
 
 def seconds(call, rounds=ROUNDS):
     """Median and least processor time of a call; all candidates run on one thread, so a busy machine matters less."""
-    taken = []
-    for _ in range(rounds):
-        start = time.process_time()
-        call()
-        taken.append(time.process_time() - start)
+    taken = timeit.repeat(call, timer=time.process_time, repeat=rounds, number=1)
     return statistics.median(taken), min(taken)
 
 

@@ -29,7 +29,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks import worlds
-from benchmarks.tables import Figure, grid, say, show, title
+from benchmarks.tables import Figure, grid, rms_figure, say, show, title
 from flows import calibration, campaign, command
 from gravcal.discovery import attribution, design
 from gravcal.discovery import joint as science
@@ -358,13 +358,8 @@ def foretold(events, times, at, offset, trims):
 
 def recovered(score) -> list[Figure]:
     """Error over sigma with the interval of chi-square."""
-    low, high = np.sqrt(stats.chi2.ppf([0.005, 0.995], len(score)) / len(score))
-    rms = float(np.sqrt(np.mean(np.square(score))))
-    told = f"{low:.2f} to {high:.2f}"
-    return [
-        Figure("error over sigma at dates left out, rms", f"{rms:.2f}", f"n {len(score)}", told, low <= rms <= high),
-        Figure("largest", f"{np.abs(score).max():.1f}"),
-    ]
+    name = "error over sigma at dates left out, rms"
+    return [rms_figure(name, score, more=f", n {len(score)}"), Figure("largest", f"{np.abs(score).max():.1f}")]
 
 
 def flown(folder: Path, rng, count: int, world: str, name: str, satellite: str) -> tuple[list, np.ndarray, list]:
