@@ -69,7 +69,7 @@ class LateOrbit(Observations):
     unit: str = "1"
 
     step, readable, shifted = "unknown:step", ("none",), True
-    order = 6  # coefficients of the noise
+    order = 30  # most coefficients of the noise
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -88,7 +88,10 @@ class LateOrbit(Observations):
 
     @functools.cached_property
     def rows(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Epochs, and whitened rows (m, 2) of what is left and of the change, of each block; spikes are left out."""
+        """Epochs, and rows (m, 2) of what is left and of the change, of each block, white by its own noise.
+
+        Spikes are left out.
+        """
         both = np.column_stack([self.left, self.change, self.left - self.delay.value * self.change])
         away = np.abs(both[:, 2] - np.nanmedian(both[:, 2]))
         step = np.median(np.diff(self.time))
@@ -97,11 +100,11 @@ class LateOrbit(Observations):
         even[place] = np.where((away <= SPIKE * np.nanmedian(away))[:, None], both, np.nan)
         known = np.flatnonzero(np.isfinite(even[:, 2]))
         known = np.array_split(known, np.clip(known.size // ROWS, 2, PARTS))
-        parts = [np.arange(one[0], one[-1] + 1) for one in known]
-        noise, made = fit_noise([even[p, 2] for p in parts], self.order, 1.0), []
-        for p in parts:
-            known = np.isfinite(even[p, 2])
-            made.append((self.time[0] + step * p[known], whiten(noise, even[p, :2], known)[known]))
+        made = []
+        for p in (np.arange(one[0], one[-1] + 1) for one in known):
+            there = np.isfinite(even[p, 2])
+            white = whiten(fit_noise([even[p, 2]], self.order, 1.0), even[p, :2], there)
+            made.append((self.time[0] + step * p[there], white[there]))
         return made
 
     @property

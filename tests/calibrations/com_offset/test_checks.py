@@ -158,9 +158,8 @@ def test_an_orbit_of_another_time_is_named_and_nothing_else(made):
     aligned = made[1]["align"]
     seen = observations.observe({"align": moved(aligned, time_orbit=aligned["time_orbit"].values + 137.0)})
     found = json.loads(driver.discover(seen, driver.Limits(0.005, 9.0, 4, 15.0, 1)).attrs["numbers"])["findings"]
-    one, *rest = found
+    (one,) = (finding for finding in found if finding["cause"] != "unknown:excess")  # of minutes of pointing
     assert (one["cause"], one["tied_with"]) == ("timing.orbit_delay", [])
-    assert {other["cause"] for other in rest} <= {"unknown:excess"}
     assert abs(one["parameters"]["delay"]["value"] - 137) < one["parameters"]["delay"]["sigma"] < 20
 
 
