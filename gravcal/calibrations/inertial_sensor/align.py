@@ -12,6 +12,7 @@ from gravcal.calibrations import schemas
 from gravcal.calibrations.schemas import build
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError, refuse
+from gravcal.estimation import timing
 from gravcal.estimation.noise import runs
 from gravcal.physics import frames, gravity
 
@@ -23,6 +24,8 @@ SHOWN = 60.0  # s, of the rates kept
 WINDOW = 28.0  # s, of the running rms, about one period of a swing
 EARLY = 8.0  # s, by which a running rms shows a swing before it begins
 SENSOR_STEP = 0.1  # s
+#: Of attitudes against voltages: longest lag, lags that a swing does not tell apart, s; and where it turns, Hz.
+APART_S, NEAR_S, TURNING_HZ = 600, 150, (1 / 60, 1 / 8)
 
 
 def spikes(values: np.ndarray, half_width: int, limit: float) -> np.ndarray:
@@ -232,6 +235,23 @@ def align(
         "stop": stop,
     }
     return build(SCHEMAS["align"], values)
+
+
+def late(aligned: xr.Dataset) -> int:
+    """Whole seconds by which tags of the attitude are late against the voltages of a swing, 0 where no lag stands out.
+
+    By the lag at which the attitude turns as the voltages say; "inertial_sensor.align".
+    """
+    time = aligned["time"].values
+    edges = np.arange(np.ceil(time[0]), np.floor(time[-1]) + 1)
+    volt, _ = bin_means(time, electrodes.readouts(aligned["volts"].values)[:, 3:], edges)
+    attitude = mean_attitude(aligned["time_att"].values, aligned["quaternion"].values, edges)
+    series = np.gradient(rates(attitude, 1.0), axis=0), volt
+    turning, said = (np.nan_to_num(one - np.nanmean(one, axis=0)) for one in series)
+    frequency = np.fft.rfftfreq(2 * len(said), 1.0)
+    weight = ((frequency > TURNING_HZ[0]) & (frequency < TURNING_HZ[1]))[:, None]
+    spectra = (np.fft.rfft(one, 2 * len(said), axis=0) for one in (turning, said))
+    return timing.lag(*spectra, min(APART_S, len(said) - 1), NEAR_S, weight)
 
 
 def on_grid(time: np.ndarray, values: np.ndarray, grid: np.ndarray) -> np.ndarray:

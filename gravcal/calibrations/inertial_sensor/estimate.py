@@ -17,6 +17,7 @@ from gravcal.estimation import estimate as estimating
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.physics import frames, gravity, sensing
 
+LATE_S = 10.0  # tags that are off by more are no delay of the tracker
 EDGE = 5.0  # s fitted before the first and after the last reversal
 ARMS_X = (8.00e-3, 10.45e-3)  # m, erratum T-5: Table 1 prints the first, every ratio of Table 4 follows the second
 CAUSES = ("beta", "mass", "inertia", "arm")  # of the errors of k_x and k_z
@@ -97,6 +98,13 @@ def scale(
     first_beta (2,) rad s-2 V-1 is where the fit starts, about x and about y and z; k_y m s-2 V-1 is taken as it is;
     geometry holds "mass" kg, "inertia" kg m2, "arm" m, and each with "_sigma".
     """
+    late = align.late(aligned)
+    if abs(late) > LATE_S:
+        raise EstimationError(
+            f"swing from {float(aligned.start):.0f} s: found attitudes tagged {late} s late against the voltages, "
+            f"expected at most {LATE_S:.0f} s, for both are integrated together. Correct the tags of one of these files.",
+            late_s=late,
+        )
     prepared = swing_of(aligned, bin_s, quiet_margin_s, np.array(geometry["inertia"]))
     fitted = model.fit(prepared, np.array(first_beta, dtype=float))
     sigma = np.sqrt(np.diag(fitted.covariance))

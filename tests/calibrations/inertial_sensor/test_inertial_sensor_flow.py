@@ -100,6 +100,16 @@ def test_quiet_data_give_no_manoeuvre(tmp_path):
     assert read(ref).sizes["axis"] == 3
 
 
+@pytest.mark.parametrize(("product", "said"), [("ATT", 137), ("IS1", -137)])
+def test_attitudes_and_voltages_of_different_times_are_told_by_how_much(tmp_path, product, said):
+    """Contract: refused with the lag; without one the fit goes on, as all other tests show."""
+    simulated(tmp_path, 6, manoeuvre="swing")
+    for path in tmp_path.glob(f"{product}*"):
+        netcdf(path, ["time"], late(137.0))
+    with pytest.raises(EstimationError, match=f"attitudes tagged {said} s late against the voltages"):
+        run(tmp_path)
+
+
 def test_bad_samples_do_not_bias_a_swing_and_a_long_gap_is_refused(tmp_path):
     """Recovery: a second without voltages, one without attitude, spikes: within 4.5 sigma; 4 s of nothing: refused."""
     truth = simulated(tmp_path, 1, manoeuvre="swing", spikes_per_hour=600.0)
