@@ -102,7 +102,7 @@ def scale(
     if abs(late) > LATE_S:
         raise EstimationError(
             f"swing from {float(aligned.start):.0f} s: found attitudes tagged {late} s late against the voltages, "
-            f"expected at most {LATE_S:.0f} s, for both are integrated together. Correct the tags of one of these files.",
+            f"expected at most {LATE_S:.0f} s, for one is integrated to the other. Correct the tags of one file.",
             late_s=late,
         )
     prepared = swing_of(aligned, bin_s, quiet_margin_s, np.array(geometry["inertia"]))
