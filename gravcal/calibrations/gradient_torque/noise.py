@@ -86,9 +86,9 @@ def _width(time, bin_s):
 def coloured(time, series, columns, effects, bin_s, order) -> Channel:
     """Channel of a series (n, 3) with a noise model of each axis, beside the columns of the global parameters.
 
-    In the difference of the sensors everything that a listed effect adds is free as well, and jumps are, so that none
-    is noise; what the fit took from the noise is put back. A torque is not: attitude answers it, and so does what acts
-    on attitude.
+    In the difference of the sensors everything that a listed effect adds is free as well, lines that latitude makes and
+    jumps are, so that none is noise; what the fit took from the noise is put back. A torque is not: attitude answers
+    it, and so does what acts on attitude.
     """
     observed, width = np.zeros((len(series), 3, 1 + GLOBAL)), _width(time, bin_s)
     observed[:, :, 0] = series
