@@ -96,8 +96,11 @@ def test_a_document_is_in_micrometres_with_its_errors(products, document):
     assert document_of(flagged)["outliers"] == {"ACC1A": 1, "SCA1B": 0}
 
 
-def test_what_is_undetermined_is_not_delivered(products):
-    """Contract: without z the best of what is there is adopted and z stays null; without all status failed."""
+def test_what_is_undetermined_is_not_delivered_and_what_repeats_its_prior_is_null(products):
+    """Contract: without z the best of what is there is adopted and z stays null; without all status failed.
+
+    Value and error both or neither; an error of 0.1 is the prior of a torque scale, x a mean of three.
+    """
     document = document_of(undetermined(products, [2]))
     validate(document)
     assert document["variants"]["mtq"]["offset_um"][2] is None
@@ -107,6 +110,14 @@ def test_what_is_undetermined_is_not_delivered(products):
     document = document_of(undetermined(products, [0, 1, 2]))
     validate(document)
     assert (document["status"], document["adopted"]["variant"]) == ("failed", None)
+    sigma = np.array([0.01, 0.02, 0.1])
+    smoothed = moved(products, "attitude", sca_delay=np.nan, torque_scale=1.01, torque_scale_sigma=sigma)
+    document = document_of(smoothed)
+    assert document["delays_s"]["sca"] == {"value": None, "sigma": None}
+    assert document["delays_s"]["acc"]["sigma"] == pytest.approx(float(products["attitude"]["acc_delay_sigma"]))
+    torque = document["scales"]["torque"]
+    assert torque["value"][2] is None
+    assert_allclose(torque["sigma"][0], 0.01 / np.sqrt(3))
 
 
 def test_a_record_without_manoeuvre_says_what_was_measured(quiet_products):
@@ -127,18 +138,6 @@ def test_a_record_without_manoeuvre_says_what_was_measured(quiet_products):
     without = document_of(quiet_products | {"combine": None, "survey": None})
     validate(without)
     assert without["roll_response"] is None
-
-
-def test_what_repeats_its_prior_or_is_not_known_is_null(products):
-    """Contract: value and error both or neither; an error of 0.1 is the prior of a torque scale, x a mean of three."""
-    sigma = np.array([0.01, 0.02, 0.1])
-    smoothed = moved(products, "attitude", sca_delay=np.nan, torque_scale=1.01, torque_scale_sigma=sigma)
-    document = document_of(smoothed)
-    assert document["delays_s"]["sca"] == {"value": None, "sigma": None}
-    assert document["delays_s"]["acc"]["sigma"] == pytest.approx(float(products["attitude"]["acc_delay_sigma"]))
-    torque = document["scales"]["torque"]
-    assert torque["value"][2] is None
-    assert_allclose(torque["sigma"][0], 0.01 / np.sqrt(3))
 
 
 @pytest.mark.parametrize(("chi2", "verdict"), [(5.0, "consistent"), (50.0, "not consistent")])
