@@ -106,8 +106,11 @@ def leaking(tmp_path_factory):
     patch.undo()
 
 
-def test_a_leak_is_seen_in_the_linear_reading(leaking):
-    """Recovery: the low-passed reading itself; differences whitened are the residuals; the extension is nearer in y."""
+def test_a_leak_is_seen_in_the_linear_reading_and_attitude_and_field_give_theirs(leaking):
+    """Recovery: the low-passed reading itself; differences whitened are the residuals; the extension is nearer in y.
+
+    The field as measured; the rotation by the torquers as fitted, and what the fit left.
+    """
     made, found, views = leaking[0], leaking[1], leaking[2].views
     measured, baseline, extended = shown(found, "linear")
     (k,) = [k for k, v in enumerate(views) if np.array_equal(v.operator.time, found["linear_time"].values)]
@@ -120,6 +123,18 @@ def test_a_leak_is_seen_in_the_linear_reading(leaking):
         assert_allclose(np.concatenate(white), found[name].values[here], atol=1e-6)  # of a sigma
     rms = [np.sqrt(np.nanmean((measured - simulated)[:, 1] ** 2)) for simulated in (baseline, extended)]
     assert rms[1] < 0.9 * rms[0]
+    made, _, found = leaking
+    view, observed = found.views[1], found.blocks[1].observed[:, None]
+    time, model, (rest,) = found.reading("magnetometer", 1, observed)
+    good = np.isfinite(rest).all(axis=1)
+    rows = np.searchsorted(made["field"]["time_mag"].values, time[good])
+    assert_allclose((model + rest)[good], made["field"]["measured_b"].values[rows], atol=1e-9)  # T, of 3e-5
+    time, model, (rest,) = found.reading("attitude", 1, observed)
+    good, index = view.window.good, view.index
+    left = made["attitude"]["sca_residual_b"].values[made["attitude"]["sca_manoeuvre"].values == index]
+    scale = np.nan_to_num(made["attitude"]["torque_scale"].values[index], nan=1.0)
+    assert_allclose((model + rest)[good], left + (view.scale_attitude @ scale)[good], atol=1e-12)  # rad
+    assert np.isnan(rest[~good]).all()
 
 
 def test_a_strong_effect_is_rebuilt_in_the_records_without_it(tmp_path):
@@ -135,19 +150,3 @@ def test_a_strong_effect_is_rebuilt_in_the_records_without_it(tmp_path):
     effect = np.nanstd((extended - baseline)[:, 0])
     assert np.nanstd((measured - same)[:, 0]) < 0.1 * effect
     assert np.nanstd((measured - extended)[:, 0]) < 0.3 * np.nanstd((measured - baseline)[:, 0])
-
-
-def test_attitude_and_field_give_their_readings(leaking):
-    """Contract: the field as measured; the rotation by the torquers as fitted, and what the fit left."""
-    made, _, found = leaking
-    view, observed = found.views[1], found.blocks[1].observed[:, None]
-    time, model, (rest,) = found.reading("magnetometer", 1, observed)
-    good = np.isfinite(rest).all(axis=1)
-    rows = np.searchsorted(made["field"]["time_mag"].values, time[good])
-    assert_allclose((model + rest)[good], made["field"]["measured_b"].values[rows], atol=1e-9)  # T, of 3e-5
-    time, model, (rest,) = found.reading("attitude", 1, observed)
-    good, index = view.window.good, view.index
-    left = made["attitude"]["sca_residual_b"].values[made["attitude"]["sca_manoeuvre"].values == index]
-    scale = np.nan_to_num(made["attitude"]["torque_scale"].values[index], nan=1.0)
-    assert_allclose((model + rest)[good], left + (view.scale_attitude @ scale)[good], atol=1e-12)  # rad
-    assert np.isnan(rest[~good]).all()
