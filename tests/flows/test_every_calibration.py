@@ -96,8 +96,11 @@ def of_flow(event):
 
 
 @pytest.mark.parametrize("name", SMALL)
-def test_a_campaign_delivers_and_a_plan_reuses_all(name, level_one):
-    """Contract: a folder is enough; the second campaign makes nothing; the plan of the store finds the files again."""
+def test_a_campaign_delivers_a_plan_reuses_all_and_a_simulated_event_says_so_wherever_it_is_shown(name, level_one):
+    """Contract: a folder is enough; the second campaign makes nothing; the plan of the store finds the files again.
+
+    Row, document, verdict, page, every product, and the browser say the origin; a gravity field alone has none.
+    """
     row = made(name, level_one)
     assert row["status"] == "delivered", row
     again = made(name, level_one)
@@ -105,6 +108,16 @@ def test_a_campaign_delivers_and_a_plan_reuses_all(name, level_one):
     (source,) = command.sources(name, None, None, None, None)
     assert {step.action for step in engine.plan(load(name).flow, source, command.chosen(name, None))[0]} == {"reuse"}
     assert source.event == row["event"]
+    assert row["origin"] == "simulated"
+    document = json.loads((Path(row["report"]) / "result.json").read_text())
+    assert (document["origin"], row["verdict"][:11]) == ("simulated", "SIMULATED. ")
+    page = (Path(row["report"]) / "report.html").read_text().partition("<body>")[2]
+    assert page.index('class="origin">Simulated data') < page.index("SIMULATED. ") < page.index("<h1>")
+    told = {entry.ref.kind: store_index.origin(entry.ref.path) for entry in housekeeping.entries(row["event"])}
+    assert {kind for kind, origin in told.items() if origin != "simulated"} <= {"gradient_torque.field"}
+    (shown,) = [one for one in store_index.results() if (one["event"], one["calibration"]) == (row["event"], name)]
+    assert shown["origin"] == "simulated"
+    assert {point.mood for point in timeline.points(command.record(name))} == {"simulated"}
 
 
 #: Calibration: a setting of its last stages.
@@ -278,22 +291,6 @@ def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_pa
     assert again["gravcal/report/page.html"] == {name: [f"{name}.report"] for name in SMALL}
     assert {name for found in again.values() for name in found} == set(SMALL)
     assert "com_offset.align" in again[f"{EARTH.name}/data/Leap_Second.dat"]["com_offset"]
-
-
-@pytest.mark.parametrize("name", SMALL)
-def test_a_simulated_event_says_so_wherever_it_is_shown(name, level_one):
-    """Contract: row, document, verdict, page, every product, and the browser; a gravity field alone has no origin."""
-    row = made(name, level_one)
-    assert row["origin"] == "simulated"
-    document = json.loads((Path(row["report"]) / "result.json").read_text())
-    assert (document["origin"], row["verdict"][:11]) == ("simulated", "SIMULATED. ")
-    page = (Path(row["report"]) / "report.html").read_text().partition("<body>")[2]
-    assert page.index('class="origin">Simulated data') < page.index("SIMULATED. ") < page.index("<h1>")
-    told = {entry.ref.kind: store_index.origin(entry.ref.path) for entry in housekeeping.entries(row["event"])}
-    assert {kind for kind, origin in told.items() if origin != "simulated"} <= {"gradient_torque.field"}
-    (shown,) = [one for one in store_index.results() if (one["event"], one["calibration"]) == (row["event"], name)]
-    assert shown["origin"] == "simulated"
-    assert {point.mood for point in timeline.points(command.record(name))} == {"simulated"}
 
 
 @pytest.mark.parametrize("name", ["com_offset", "kbr_phase_centre", "inertial_sensor"])

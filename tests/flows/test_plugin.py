@@ -35,8 +35,8 @@ def tilt(tmp_path_factory):
     return gravcal
 
 
-def test_the_truth_comes_back(tilt):
-    """Recovery: scale and bias within four sigma; the document is valid by the schema of the package."""
+def test_the_truth_comes_back_and_a_hidden_effect_is_discovered(tilt):
+    """Recovery: scale and bias to four sigma, a valid document; a reading that bends with the angle, with a size."""
     document = json.loads(
         tilt("run", "tilt_scale", "--data", tilt.folder / "data", "--engine", "inline", "--json", "-")
     )
@@ -44,6 +44,13 @@ def test_the_truth_comes_back(tilt):
     assert (document["status"], document["origin"], document["event"]) == ("delivered", "simulated", "toy-p-2026-01-01")
     for name, one in document["parameters"].items():
         assert abs(one["value"] - truth[name]) < 4 * one["sigma"]
+    data, hidden = tilt.folder / "bent", 5.0  # rad-1
+    tilt("simulate", "tilt_scale", "--out", data, "--set", f"curvature_per_rad={hidden}", "--set", "date=2026-01-02")
+    words = ("discover", "tilt_scale", "--data", data, "--engine", "inline", "--json", "-")
+    (found,) = json.loads(tilt(*words))["findings"]
+    assert found["cause"] == "unknown:angle_squared"
+    curvature = found["parameters"]["curvature"]
+    assert abs(curvature["value"] - hidden) < 4 * curvature["sigma"]
 
 
 def test_every_command_and_the_browser_know_it(tilt):
@@ -85,14 +92,3 @@ from gravcal.browse import app
 client = TestClient(app.application(load_all(), hosts=("testserver",)))
 print(client.get("/").text, client.get("/timeline/tilt_scale").text, client.get("/event/toy-p-2026-01-01").text)
 """
-
-
-def test_a_hidden_effect_is_discovered(tilt):
-    """Recovery: a reading that bends with the angle is found, with its size."""
-    data, hidden = tilt.folder / "bent", 5.0  # rad-1
-    tilt("simulate", "tilt_scale", "--out", data, "--set", f"curvature_per_rad={hidden}", "--set", "date=2026-01-02")
-    words = ("discover", "tilt_scale", "--data", data, "--engine", "inline", "--json", "-")
-    (found,) = json.loads(tilt(*words))["findings"]
-    assert found["cause"] == "unknown:angle_squared"
-    curvature = found["parameters"]["curvature"]
-    assert abs(curvature["value"] - hidden) < 4 * curvature["sigma"]
