@@ -57,10 +57,10 @@ def installed(wheel, tmp_path_factory):
     return folder / "bin"
 
 
-def test_every_file_of_the_packages_is_in_the_wheel_and_nothing_else(wheel):
+def test_every_file_of_the_packages_is_in_the_wheel_which_runs_from_another_folder(wheel, installed, tmp_path):
     """Contract: tables of readers, catalogue, schemas, coefficients and templates are shipped; no tests, no benchmarks.
 
-    Four packages, the licence and the record of the wheel.
+    Four packages, the licence and the record of the wheel; help, catalogue, a small simulation and its calibration.
     """
     names = set(zipfile.ZipFile(wheel).namelist())
     files = [path for name in PACKAGES for path in (ROOT / name).rglob("*") if path.is_file()]
@@ -69,10 +69,6 @@ def test_every_file_of_the_packages_is_in_the_wheel_and_nothing_else(wheel):
     assert not wanted - names
     assert {name.partition("/")[0] for name in names if ".dist-info/" not in name} == set(PACKAGES)
     assert any(name.endswith("licenses/LICENSE") for name in names)
-
-
-def test_the_installed_command_runs_from_another_folder(installed, tmp_path):
-    """Contract: help, catalogue, a small simulation and its calibration, all from the wheel."""
     python, gravcal = installed / "python", installed / "gravcal"
     store = {"GRAVCAL_PRODUCTS": tmp_path / "products"}
     assert "gravcal run com_offset" in run(gravcal, "--help", cwd=tmp_path)
