@@ -296,21 +296,17 @@ def moved_models(text: str) -> list[str]:
     """Models moved by their error: by one sigma along each principal direction of an effect's parameters."""
     entries, found = json.loads(text), []
     for number, entry in enumerate(entries):
-        for move in _directions(entry["parameters"]):
-            values = {n: p | {"value": p["value"] + move.get(n, 0.0)} for n, p in entry["parameters"].items()}
+        known = entry["parameters"]
+        sigma = {name: one["sigma"] for name, one in known.items() if one.get("sigma")}
+        if not sigma:
+            continue
+        row = {name: known[name].get("correlation", {}) for name in sigma}
+        related = [[1.0 if n == m else row[n].get(m, row[m].get(n, 0.0)) for m in sigma] for n in sigma]
+        size, vectors = np.linalg.eigh(np.array(related))
+        moves = np.array([*sigma.values()])[:, None] * vectors * np.sqrt(np.clip(size, 0.0, None))
+        for column in moves.T[moves.any(axis=0)].tolist():  # squares add up to the covariance of the parameters
+            move = dict(zip(sigma, column, strict=True))
+            values = {n: p | {"value": p["value"] + move.get(n, 0.0)} for n, p in known.items()}
             others = [*entries[:number], entry | {"parameters": values}, *entries[number + 1 :]]
             found.append(json.dumps(others, sort_keys=True, allow_nan=False))
     return found
-
-
-def _directions(parameters):
-    """Moves {name: size} whose squares add up to the covariance of an effect's parameters."""
-    names = [name for name, parameter in parameters.items() if parameter.get("sigma")]
-    if not names:
-        return []
-    sigma = np.array([parameters[name]["sigma"] for name in names])
-    row = lambda n: parameters[n].get("correlation", {})  # noqa: E731
-    related = np.array([[1.0 if n == m else row(n).get(m, row(m).get(n, 0.0)) for m in names] for n in names])
-    size, vectors = np.linalg.eigh(related)
-    columns = sigma[:, None] * vectors * np.sqrt(np.clip(size, 0.0, None))
-    return [dict(zip(names, column.tolist(), strict=True)) for column in columns.T if column.any()]

@@ -56,8 +56,15 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     rows, smallest, quiet = _bands(problem.blocks, rest)
     unlikely = [one.log_p for one in power]
     lines = [chi2_tail.least_log_tail(s.gain, np.maximum(s.dof, 1)) + np.log(s.at.size) for s in scans]
-    families = [smallest, _candidates(problem, baseline, rest), *lines, *unlikely]
-    families = [one for one in families if one is not None]
+    gram, gains, dof = attribution.projected(problem.total, baseline), [], []
+    right = sum(c.onto(r) for c, r in zip(problem.columns, rest, strict=True))
+    for place in problem.places:
+        factor = attribution.spread(gram, place, problem.size)
+        if factor.shape[0]:
+            gains.append(np.sum((factor @ right[place]) ** 2, axis=0))
+            dof.append(factor.shape[0])
+    of_causes = chi2_tail.least_log_tail(np.array(gains), np.array(dof)) + np.log(len(dof)) if dof else None
+    families = [one for one in (smallest, of_causes, *lines, *unlikely) if one is not None]
     if not families:
         count = sum(block.observed.shape[0] for block in problem.blocks)
         raise EstimationError(
@@ -176,19 +183,6 @@ def _rank(least):
         return float((1 + np.sum(draws <= least[0])) / least.size)
     slope = min(near / max(np.sum(draws[near] - draws[:near]), 1e-9), 1.0)
     return float(near / draws.size * np.exp(slope * (least[0] - draws[near])))
-
-
-def _candidates(problem, baseline, rest):
-    """Log of the smallest probability over candidates, corrected, for each column of the residual."""
-    gram = attribution.projected(problem.total, baseline)
-    right = sum(c.onto(r) for c, r in zip(problem.columns, rest, strict=True))
-    gains, dof = [], []
-    for place in problem.places:
-        factor = attribution.spread(gram, place, problem.size)
-        if factor.shape[0]:
-            gains.append(np.sum((factor @ right[place]) ** 2, axis=0))
-            dof.append(factor.shape[0])
-    return chi2_tail.least_log_tail(np.array(gains), np.array(dof)) + np.log(len(dof)) if dof else None
 
 
 def _bands(blocks, rest):

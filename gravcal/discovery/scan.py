@@ -35,18 +35,30 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
     parts = []
     for i, block in enumerate(problem.blocks):
         if block.steps:
-            rows, shapes, own = _local(problem, i)
+            key, count = ("local", i), len(block.steps)
+            if key not in problem.memory:  # rows that steps touch, columns (n, k q) of the k epochs, products (k, q, q)
+                shapes = np.concatenate(list(block.steps.values()), axis=1)
+                rows = np.flatnonzero(np.any(shapes != 0, axis=1))
+                shapes = shapes[rows]
+                both = _grouped(shapes, count), _grouped(problem.bases[i][rows].T @ shapes, count)
+                own, inside = (one.transpose(0, 2, 1) @ one for one in both)
+                problem.memory[key] = rows, shapes, own - inside
+            rows, shapes, own = problem.memory[key]
             cross = problem.columns[i].of(baseline)[rows].T @ shapes
-            parts.append((i, own, _grouped(cross, len(own)), _grouped(rest[i][rows].T @ shapes, len(own))))
+            parts.append((i, own, _grouped(cross, count), _grouped(rest[i][rows].T @ shapes, count)))
     if len(parts) > 1:
         count = min(len(own) for _, own, _, _ in parts)
         parts.append((-1, *(sum(part[k][:count] for part in parts) for k in (1, 2, 3))))
     for i, own, cross, right in parts:
         inner, right = own - cross.transpose(0, 2, 1) @ (inverse @ cross), right.transpose(0, 2, 1)
+        values, vectors = np.linalg.eigh(inner)
+        seen = values > 1e-8 * np.maximum(values[:, -1:], 1e-300)
+        size = np.where(seen, 1 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
+        gain.append(np.sum(((vectors * size[:, None]).transpose(0, 2, 1) @ right) ** 2, axis=1))
         alone = np.einsum("kqq->kq", inner)
         seen = alone > 1e-8 * np.max(alone, axis=1, keepdims=True)
         size = np.where(seen, 1 / np.sqrt(np.where(seen, alone, 1.0)), 0.0)
-        gain += [_step_gain(inner, right), *np.moveaxis((size[:, :, None] * right) ** 2, 1, 0)]
+        gain += [*np.moveaxis((size[:, :, None] * right) ** 2, 1, 0)]
         free = np.array([inner.shape[1], *[1] * inner.shape[1]])
         dof.append(np.repeat(free, len(own)))
         epochs = list(problem.blocks[i if i >= 0 else parts[0][0]].steps)[: len(own)]
@@ -56,36 +68,9 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
     return Scan("step", "linear", *map(np.concatenate, (place, at)), gain, np.concatenate(dof))
 
 
-def _local(problem, index):
-    """Rows that steps touch, columns (n, k q) of the k epochs there, products (k, q, q) beside own columns."""
-    key = ("local", index)
-    if key not in problem.memory:
-        block = problem.blocks[index]
-        shapes = np.concatenate(list(block.steps.values()), axis=1)
-        rows = np.flatnonzero(np.any(shapes != 0, axis=1))
-        shapes, count = shapes[rows], len(block.steps)
-        inside = problem.bases[index][rows].T @ shapes
-        problem.memory[key] = rows, shapes, _paired(shapes, shapes, count) - _paired(inside, inside, count)
-    return problem.memory[key]
-
-
 def _grouped(columns, count):
     """Columns (n, count q) in groups (count, n, q)."""
     return columns.reshape(columns.shape[0], count, columns.shape[1] // max(count, 1)).transpose(1, 0, 2)
-
-
-def _paired(one, other, count):
-    """Products (count, q, q) of columns (n, count q) with those of the same group only."""
-    return _grouped(one, count).transpose(0, 2, 1) @ _grouped(other, count)
-
-
-def _step_gain(inner, right):
-    """Reduction of chi-square (k, d) by columns with products (k, q, q), and (k, q, d) with the residual."""
-    values, vectors = np.linalg.eigh(inner)
-    seen = values > 1e-8 * np.maximum(values[:, -1:], 1e-300)
-    size = np.where(seen, 1 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
-    part = (vectors * size[:, None]).transpose(0, 2, 1) @ right
-    return np.sum(part**2, axis=1)
 
 
 def frequencies(blocks: list[Block], channel: str) -> np.ndarray:

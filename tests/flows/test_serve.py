@@ -466,7 +466,7 @@ def test_the_row_of_an_event_links_its_report_and_too_few_for_a_note_are_no_fail
     assert list(scheduled._links({"report": str(folder)})) == [(folder / "report.html").as_uri()]
     refused = mock.Mock(side_effect=ProductError("one event"))
     monkeypatch.setattr(scheduled, "create_markdown_artifact", lambda text, **about: notes.append((about["key"], text)))
-    monkeypatch.setattr(scheduled.watching, "joint", refused)
+    monkeypatch.setattr(scheduled.discover, "joint", refused)
     scheduled._together("com_offset", "C", None, None, 0)
     assert notes == [("com-offset-joint", "one event")]
 
