@@ -32,7 +32,7 @@ def gradient_speed(_options) -> list[Figure]:
         field = of_tests("physics.physics_references").random_field(degree)
         own = gravity.gradient_e(field, position)
         base = seconds(lambda f=field: gravity.gradient_e(f, position))
-        tables, rounds = gravity._prepared(field, gravity.PAIRS), ROUNDS if degree < 100 else 2
+        tables, rounds = field.tables[gravity.PAIRS], ROUNDS if degree < 100 else 2
         found = {"numpy, six elements": seconds(lambda f=field, t=tables: numpy_gradient(f, position, t), rounds)}
         for peer in (pyharm, pyshtools):
             try:

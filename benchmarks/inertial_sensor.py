@@ -111,13 +111,13 @@ def one_roll(seed, segments=SEGMENTS):
     flown = simulation.draw_roll(chosen, START, rng)
     record = simulation.span(chosen, flown, (flown.start, flown.stop), truth, rng)
     reduced = align.reduced(record["IS1"], record["ATT"], record["ORB"], settings.step_s)
-    limits = bias.Limits(settings.step_s, settings.segment_s, settings.uniformity_limit, settings.share_limit)
+    steps, limits = (settings.step_s, settings.segment_s), (settings.uniformity_limit, settings.share_limit)
     model = bias.Model(settings.trend_degree, settings.amplitude_degree, settings.amplitude_harmonics)
     used = truth.offset + OFFSET_SIGMA * rng.standard_normal(3)
     out = []
     for place, covariance in ((truth.offset, np.zeros((3, 3))), (used, np.diag(OFFSET_SIGMA**2))):
         sensor = bias.Sensor(truth.k, 0 * truth.k, place, covariance, covariance)
-        solved = bias.solve(reduced, sensor, model, limits)
+        solved = bias.solve(reduced, sensor, model, steps, limits)
         found = bias.estimates(solved, sensor)
         inside = solved.time[:, None] + settings.segment_s * np.linspace(-0.5, 0.5, 101)  # of all segments, see sigma
         drift = np.array([np.interp(inside, flown.knot, column).mean() for column in flown.drift.T])

@@ -61,7 +61,8 @@ class Stage:
 
     def __call__(self, *items, **settings):
         """Product of these inputs and settings; with datasets, what the body returns."""
-        if items and all(is_dataset(item) for item in items):
+        known = getattr(sys.modules.get("xarray"), "Dataset", None)  # not imported: another thread may be about to
+        if items and known and all(isinstance(item, known) for item in items):
             return self.body(*items, **settings)
         engine = _engine.get() or inline
         return engine(call_of(self, items, settings))
@@ -230,12 +231,6 @@ def call_of(called, items, settings):
         for name, value in sorted(plain.items())
     }
     return Call(called, tuple(items), plain, event, variant or "")
-
-
-def is_dataset(value):
-    """Whether a value is an xarray dataset, asked without importing xarray (another thread may be about to)."""
-    known = getattr(sys.modules.get("xarray"), "Dataset", None)
-    return known is not None and isinstance(value, known)
 
 
 def _make(call, key, wanted, modules):

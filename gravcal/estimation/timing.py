@@ -172,14 +172,9 @@ CLEARLY = 2.0
 def lag(read, foretold, longest: int, near: int, weight=1.0, *, either: bool = False) -> int:
     """Steps by which series lag behind what makes them, the lag of largest gain in chi-square; 0 where none stands out.
 
-    None does where all lags are near the best.
-
-    Parameters
-    ----------
-    read, foretold : (n + 1, k) spectra of series on one even grid of n steps, of n zeros behind them
-    longest, near : steps, largest lag, and as far from the best as lags are not independent of it
-    weight : (n + 1, k) of each frequency
-    either : True if a series may follow with either sign
+    None does where all lags are near the best. Both are spectra (n + 1, k) of series on one even grid of n steps, of n
+    zeros behind them, the weight that of each frequency; `longest` is the largest lag, and as far as `near` from the
+    best lags are not independent of it. With `either` a series may follow with either sign.
     """
     by_lag = np.fft.irfft(read * foretold.conj() * weight, axis=0)
     by_lag = by_lag if either else np.maximum(by_lag, 0.0)

@@ -151,14 +151,10 @@ def _spans(start, stop, chosen, day):
     if chosen.span == "day" or start.size == 0:
         length = constants.DAY if chosen.span == "day" else 2 * chosen.quiet_s
         return np.array([[day, day + length]])
-    begin, end = np.floor(start - chosen.quiet_s), np.ceil(stop + chosen.quiet_s)
-    joined = [[begin[0], end[0]]]
-    for b, e in zip(begin[1:], end[1:], strict=True):
-        if b <= joined[-1][1] + 10:
-            joined[-1][1] = max(e, joined[-1][1])
-        else:
-            joined.append([b, e])
-    return np.clip(np.array(joined), day, day + constants.DAY)
+    begin, end = np.floor(start - chosen.quiet_s), np.maximum.accumulate(np.ceil(stop + chosen.quiet_s))
+    apart = begin[1:] > end[:-1] + 10
+    joined = np.stack([begin[np.append(True, apart)], end[np.append(apart, True)]], axis=1)
+    return np.clip(joined, day, day + constants.DAY)
 
 
 def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):

@@ -308,12 +308,9 @@ class Fit:
 
 
 def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
-    """Smoothed attitude of every manoeuvre on the star-camera and on the accelerometer epochs.
+    """Smoothed attitude of every manoeuvre on the epochs of star camera and accelerometer, of "align" and "field".
 
-    Parameters
-    ----------
-    aligned, field : Dataset, "align" and "com_offset.field"
-    settings : of the stage, with inertia and dipole_per_current
+    Settings are those of the stage, with inertia and dipole_per_current.
     """
     full = settings["dynamics"] == "full"
     found = windows(aligned, field, settings["inertia"], np.asarray(settings["dipole_per_current"]), full)

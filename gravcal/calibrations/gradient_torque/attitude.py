@@ -269,14 +269,9 @@ class Attitude:
 def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, angular_sigma, knot_step):
     """Least squares for the angles as splines, from attitudes and angular accelerations.
 
-    Parameters
-    ----------
-    time : (n,) s
-    quaternion : (n, 4), b to i, NaN where not usable
-    angular_b : (n, 3) rad s-2, test mass relative to satellite, NaN where not usable
-    orbit : R_oi (n, 3, 3), rate_o and rate_dot_o (n, 3) rad s-1, rad s-2
-    free_test_mass : callable, (R_bi, rate_b) -> (n, 3) rad s-2, angular acceleration of the free test mass
-    angle_sigma, angular_sigma, knot_step : (3,) rad of each attitude, rad s-2 of each sample; s between knots
+    Attitudes (n, 4), b to i, and accelerations (n, 3) of the test mass relative to the satellite are NaN where not
+    usable; orbit is R_oi (n, 3, 3) with rate_o and rate_dot_o (n, 3), free_test_mass (R_bi, rate_b) -> (n, 3) rad s-2
+    its acceleration when free. Sigmas (3,) are of each attitude and of each sample.
 
     Notes
     -----

@@ -7,6 +7,7 @@ import xarray as xr
 from scipy.ndimage import median_filter
 
 from gravcal.calibrations import checks
+from gravcal.calibrations.align import in_windows
 from gravcal.calibrations.checks import Check, at_least, at_most
 from gravcal.calibrations.inertial_sensor import align
 from gravcal.effects import inertial_sensor as electrodes
@@ -57,12 +58,14 @@ def inputs(
     departures, idle, spans = [], [], np.concatenate([swing, roll])
     for read_sensor, read_tracker, read_orbit in days:
         tracker, orbit = read_tracker(), read_orbit()
-        if not _inside(tracker["time"], spans).any():
+        if not in_windows(tracker["time"], spans, 0.0).any():
             time, quaternion = tracker["time"], tracker["quaternion"]
             begin, end = noise.runs(~(np.linalg.norm(quaternion, axis=1) > 0.5))
             few, nothing = slice(None, None, max(1, time.size // 8640)), np.zeros((0, 2))
             lost = np.max(time[end - 1] - time[begin], initial=0.0) > LOST  # a roll with it is found nowhere
-            idle.append(np.inf if lost else _pointing(time[few], quaternion[few], orbit, _inside(time[few], nothing)))
+            idle.append(
+                np.inf if lost else _pointing(time[few], quaternion[few], orbit, in_windows(time[few], nothing, 0.0))
+            )
             continue
         sensor, tracker, orbit = (_within(one, spans) for one in (read_sensor(), tracker, orbit))
         known = np.isfinite(tracker["quaternion"]).all(axis=1)
@@ -78,7 +81,7 @@ def inputs(
             checks.attitude_jump(time, quaternion),
             checks.velocity_error(orbit["time"], position, velocity),
             np.nanmax(np.abs(np.linalg.norm(position, axis=1) - EARTH_RADIUS - orbit_height)),
-            _pointing(time, quaternion, orbit, _inside(time, roll)),
+            _pointing(time, quaternion, orbit, in_windows(time, roll, 0.0)),
             _steps(sensor, still),
             _torque(*rolling, expected_beta[1], np.diag(inertia)),
         ])  # fmt: skip
@@ -91,14 +94,9 @@ def inputs(
     return checks.product([one for one in tests if one.name != TORQUE or not np.isnan(one.value)])
 
 
-def _inside(time, spans):
-    """True if an epoch lies in a span (n,)."""
-    return np.any((time[:, None] >= spans[:, 0]) & (time[:, None] <= spans[:, 1]), axis=1)
-
-
 def _within(record, spans):
     """Part of a record that lies in spans."""
-    inside = _inside(record["time"], spans)
+    inside = in_windows(record["time"], spans, 0.0)
     return {name: values[inside] for name, values in record.items()}
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import checks
-from gravcal.calibrations.align import late_of_pair
+from gravcal.calibrations.align import in_windows, late_of_pair
 from gravcal.calibrations.checks import Check, at_least, at_most
 from gravcal.calibrations.kbr_phase_centre import align, model
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES
@@ -83,9 +83,8 @@ def orbit_difference(first, second) -> float:
 def _of_pointing(aligned, pointed, limits):
     """Both satellites look at each other with z down, and turn as fast as a satellite can."""
     time, angle = pointed["time"].values, pointed["angle"].values
-    routine = np.ones(time.size, dtype=bool)
-    for start, stop in zip(pointed["start"].values, pointed["stop"].values, strict=True):
-        routine &= (time < start - NEAR) | (time > stop + NEAR)
+    spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
+    routine = ~in_windows(time, spans, NEAR)
     found = []
     for k, letter in enumerate(pointed.attrs["satellites"]):
         line = pointed["line_of_sight_b"].values[k]

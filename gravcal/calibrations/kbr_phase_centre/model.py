@@ -8,6 +8,7 @@ import xarray as xr
 from gravcal.calibrations import schemas
 from gravcal.calibrations.schemas import build
 from gravcal.estimation import crn
+from gravcal.estimation.noise import runs
 from gravcal.physics import frames
 from gravcal.physics.constants import DAY
 
@@ -154,9 +155,8 @@ def wiggles(time, angle, satellite, axis, period, offset_limit, amplitude_limit)
     phase = np.exp(-2j * np.pi * (time - time[0]) / period)
     mean = _running_mean(filled, count)
     amplitude = 2 * np.abs(_running_mean((filled - np.median(filled)) * phase, count))
-    strong = np.concatenate([[False], amplitude > amplitude_limit, [False]]).astype(int)
     found = []
-    for begin, end in np.flatnonzero(np.diff(strong)).reshape(-1, 2):
+    for begin, end in zip(*runs(amplitude > amplitude_limit), strict=True):
         if end - begin <= 2 * count:
             continue
         last = end - 1

@@ -1,7 +1,6 @@
 """Readings of an accelerometer on a routine day, and what firings, torquers and turns of the satellite make of them."""
 
 from collections.abc import Iterator
-from typing import NamedTuple
 
 import numpy as np
 import xarray as xr
@@ -10,11 +9,13 @@ from scipy.ndimage import binary_dilation
 
 from gravcal.calibrations import checks, named_parameters, schemas
 from gravcal.calibrations.align import QUATERNION, gps_tags, sorted_samples, usable
+from gravcal.calibrations.causes import listed
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import chi2_tail, least_squares, timing
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation.records import Candidate
 from gravcal.physics import earth, frames, magnetic
 
 SCHEMAS = schemas.of("routine.toml")
@@ -29,17 +30,6 @@ TOGETHER_S = 8.0  # of the samples of a transient
 LATEST_S = 5.0  # by which tags of firings are late or early, about a lag that stands out
 APART_S = 600  # longest lag that is looked for
 FORCE, TORQUE, DELAY = "unknown:thruster_force", "unknown:thruster_torque", "timing.thruster_delay"
-
-
-class Cause(NamedTuple):
-    """Something that a reading follows: slug, first word and rest of its parameters, columns (n, 6, q)."""
-
-    slug: str
-    word: str
-    names: list[str]
-    units: list[str]
-    prior: list[float]
-    columns: np.ndarray
 
 
 def align(
@@ -148,8 +138,8 @@ def duty(aligned: xr.Dataset, delay_s: float) -> np.ndarray:
     return found / (ends[1] - ends[0])[:, None]
 
 
-def causes(aligned: xr.Dataset, delay_s: float, amplitude: np.ndarray) -> list[Cause]:
-    """What the readings may follow, tags of firings late by so many seconds.
+def causes(aligned: xr.Dataset, delay_s: float, amplitude: np.ndarray) -> list[Candidate]:
+    """What the readings (n, 6) may follow, tags of firings late by so many seconds; the form begins parameters' names.
 
     The amplitude (6 pairs, 6) is the reading by each pair while on, which says what a further delay does.
 
@@ -172,13 +162,13 @@ def causes(aligned: xr.Dataset, delay_s: float, amplitude: np.ndarray) -> list[C
     pairs = [p.name for p in leak.parameters]
     magnetic = np.concatenate([np.zeros((count, 3, 3)), aligned["magnetic_b"].values[:, :, None] * np.eye(3)], axis=1)
     return [
-        Cause(FORCE, "force", named, ["m s-2"] * 18, [1e-6] * 18, force),
-        Cause(TORQUE, "torque", named, ["rad s-2"] * 18, [1e-4] * 18, torque),
-        Cause(DELAY, "", ["delay"], ["s"], [late.parameters[0].prior_sigma], (ahead @ amplitude)[:, :, None]),
-        Cause("unknown:torquer_torque", "torquer", list("xyz"), ["1"] * 3, [1.0] * 3, magnetic),
-        Cause(leak.slug, "leak", pairs, ["m s-2 A-1 m-2"] * 9, [leak.parameters[0].prior_sigma] * 9, by_current),
-        Cause("unknown:current_rate", "rate_leak", pairs, ["m s-1 A-1 m-2"] * 9, [1e-10] * 9, by_rate),
-        Cause(offset.slug, "offset", list("xyz"), ["m"] * 3, [offset.parameters[0].prior_sigma] * 3, padded(turned)),
+        Candidate(FORCE, "force", named, ["m s-2"] * 18, [force], [1e-6] * 18),
+        Candidate(TORQUE, "torque", named, ["rad s-2"] * 18, [torque], [1e-4] * 18),
+        listed(late, [(ahead @ amplitude)[:, :, None]]),
+        Candidate("unknown:torquer_torque", "torquer", list("xyz"), ["1"] * 3, [magnetic], [1.0] * 3),
+        listed(leak, [by_current], "leak"),
+        Candidate("unknown:current_rate", "rate_leak", pairs, ["m s-1 A-1 m-2"] * 9, [by_rate], [1e-10] * 9),
+        listed(offset, [padded(turned)], "offset"),
     ]
 
 
@@ -220,7 +210,7 @@ def estimate(
     for number in range(ITERATIONS):
         known = causes(aligned, delay, amplitude)
         size = np.concatenate([one.prior for one in known])
-        design = np.concatenate([one.columns for one in known], axis=2) * size
+        design = np.concatenate([one.columns[0] for one in known], axis=2) * size
         if value is not None:
             left = _left(pieces, observed - design @ (value / size))
             by_component, calm = noises(aligned, pieces, left, noise_order, design.shape[2] // 6, transient_sigma)
@@ -233,7 +223,7 @@ def estimate(
         amplitude[:, :3] -= np.cross(amplitude[:, 3:], (scaled * size)[-3:])  # the offset may undo most of a force
         value = np.where(np.arange(size.size) == 36, 0.0, scaled * size)
         delay += moved
-    names = ["_".join(filter(None, (one.word, name))) for one in known for name in one.names]
+    names = ["_".join(filter(None, (one.form, name))) for one in known for name in one.names]
     whole = np.where(np.arange(size.size) == 36, delay, value) / size
     gains = _gains(known, information.sum(axis=0), whole)
     units = [unit for one in known for unit in one.units]
@@ -244,7 +234,7 @@ def estimate(
     starts = [aligned["time"].values[pieces[np.flatnonzero(g)[0]][0][0]] for g in groups]
     found = named_parameters.estimated(names, units, np.full(size.size, determined_ratio), *both, starts, size)
     fitted = design @ (value / size)
-    found |= {"cause": [one.slug for one in known], "gain": gains[0], "chance": gains[1]}
+    found |= {"cause": [one.cause for one in known], "gain": gains[0], "chance": gains[1]}
     left, rows = _left(pieces, observed - fitted), np.concatenate([rows for rows, *_ in pieces])
     rest = np.concatenate(left)
     found |= {"time": aligned["time"].values[rows], "measured": rest + fitted[rows], "fitted": fitted[rows]}

@@ -7,8 +7,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 
+from gravcal.calibrations.causes import listed
 from gravcal.calibrations.routine import accelerometer
-from gravcal.calibrations.routine.accelerometer import COMPONENTS, DELAY, Cause
+from gravcal.calibrations.routine.accelerometer import COMPONENTS, DELAY
 from gravcal.effects import effect
 from gravcal.estimation.noise import NoiseModel, unwhiten, whiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Reported
@@ -20,12 +21,9 @@ FIRINGS = "torque.thruster_firings"
 def observe(
     products: Mapping[str, xr.Dataset], *, block_s: float, knot_s: float, noise_order: int, transient_sigma: float
 ) -> "Readings":
-    """Observations of one record.
+    """Observations of one record; settings as of `accelerometer.estimate`.
 
-    Parameters
-    ----------
-    products : "align" and "estimate" of routine: noise, delay and size of firings are those with every cause free
-    block_s, knot_s, noise_order, transient_sigma : as of `accelerometer.estimate`
+    Products are "align" and "estimate" of routine: noise, delay and size of firings are those with every cause free.
     """
     aligned, found = products["align"], products["estimate"]
     pieces = list(accelerometer.blocks(aligned, block_s, knot_s))
@@ -43,16 +41,15 @@ def _causes(aligned, found):
     """
     value = dict(zip(map(str, found["parameter"].values), found["value"].values, strict=True))
     delay = float(np.nan_to_num(value["delay"]))
-    made = {one.slug: one for one in accelerometer.causes(aligned, delay, np.zeros((6, 6)))}
+    made = {one.cause: one for one in accelerometer.causes(aligned, delay, np.zeros((6, 6)))}
     near = max(abs(delay), NEAR_S)  # within which a delay is linear
     ends = (delay, 0.0) if abs(delay) == near else (near, -near)
     moved = (_foretold(aligned, ends[0]) - _foretold(aligned, ends[1])) / (ends[0] - ends[1])
     share, impulse = accelerometer.duty(aligned, delay), effect(FIRINGS)
     by_axis = np.zeros((share.shape[0], 6, 3))
     by_axis[:, 3:] = (share @ aligned["nominal_b"].values)[:, :, None] * np.eye(3)
-    words = [list(each) for each in zip(*((p.name, p.unit, p.prior_sigma) for p in impulse.parameters), strict=True)]
-    made[DELAY] = made[DELAY]._replace(columns=moved[:, :, None])
-    return [one for one in (Cause(FIRINGS, "", *words, by_axis), *made.values()) if one.columns.any()]
+    made[DELAY] = replace(made[DELAY], columns=[moved[:, :, None]])
+    return [one for one in (listed(impulse, [by_axis]), *made.values()) if one.columns[0].any()]
 
 
 def _foretold(aligned, delay_s):
@@ -68,7 +65,7 @@ class Readings(Observations):
     aligned: xr.Dataset  #: "routine.align"
     pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]]  #: rows, slow part and where a reading is, of each stretch
     noises: list[NoiseModel | None]  #: of each component, None where it has no reading
-    causes: list[Cause]
+    causes: list[Candidate]  #: with their columns (n, 6, q) of the whole record
 
     name = "routine"
     channels = ("linear", "angular")
@@ -104,11 +101,9 @@ class Readings(Observations):
         """Causes that the record can show."""
         made = []
         for one in self.causes:
-            columns = [
-                whiten(self.noises[c], one.columns[rows, c], there) if one.columns[rows, c].any() else None
-                for rows, _, there, c in self.parts
-            ]
-            made.append(Candidate(one.slug, "", one.names, one.units, columns, one.prior))
+            rows = [(c, one.columns[0][rows, c], there) for rows, _, there, c in self.parts]
+            white = [whiten(self.noises[c], own, there) if own.any() else None for c, own, there in rows]
+            made.append(replace(one, form="", columns=white))
         return made
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
@@ -124,10 +119,10 @@ class Readings(Observations):
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records less what the effects of a model add to the readings."""
-        added, known = np.zeros((self.aligned.sizes["time"], 6)), {one.slug: one for one in self.causes}
+        added, known = np.zeros((self.aligned.sizes["time"], 6)), {one.cause: one for one in self.causes}
         for entry in (_firings_moved(one, -1.0) for one in model if one.cause in known):
             cause = known[entry.cause]
-            added += cause.columns @ [entry.values.get(name, 0.0) for name in cause.names]
+            added += cause.columns[0] @ [entry.values.get(name, 0.0) for name in cause.names]
         less = {"linear_b": added[:, :3], "angular_b": added[:, 3:]}
         return self.aligned.assign({name: self.aligned[name] - one for name, one in less.items()})
 
