@@ -76,7 +76,10 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, case):
 
 
 def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_path):
-    """Recovery: what a coefficient adds to the readings by its form leaves the record when its model is taken out."""
+    """Recovery: what a coefficient adds to the readings by its form leaves the record when its model is taken out.
+
+    A force of 1e-10 m s-2 that follows the latitude does not count as noise of the difference of the sensors.
+    """
     simulated(tmp_path, rng, {}, duration_s="7200")
     products, settings = _seen(tmp_path)
     entry = Entry("gradient.tesseral", "degree 5, order 3", {"cosine": Parameter(1e-6)})
@@ -88,6 +91,13 @@ def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_p
     assert np.allclose(moved[:, 0], expected, atol=1e-3 * np.abs(expected).max())
     response = observed.response(entry)
     assert sum(np.sum(one**2) for one in response) > 100
+    shapes = {form: shape for _, form, shape in observations.drivers(observed.about)}
+    quiet = observed.made["linear"].models[2].density(np.array([4 / 5670]))
+    linear = products["gradient"]["linear_b"].copy(deep=True)
+    linear.values[:, 0, 2] += 1e-10 * shapes["cosine of 4 times its argument"]
+    forced = observations.observe(products | {"gradient": products["gradient"].assign(linear_b=linear)}, **settings)
+    with_force = forced.made["linear"].models[2].density(np.array([4 / 5670]))
+    assert with_force < 10 * quiet  # as noise it makes it 1e5 times as large
 
 
 def _seen(folder):
