@@ -1,6 +1,7 @@
 """A day of S-GRS as discovery sees it: the difference of both sensors, attitude against angular readings, torques."""
 
 import functools
+import itertools
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -43,9 +44,9 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
     position, velocity = orbit(observed, settings["gap_limit_s"])
     R_bi = attitude.R_bo(modelled["angle"].values[METHOD]) @ attitude.orbit_frame(position, velocity)
     about = _context(modelled, found, R_bi, position, settings)
-    added = [added["linear"] for _, _, added in effects_of(about, ("linear",)) if "linear" in added]
-    added += [shape[:, None, None] * np.eye(3) for driver, _, shape in drivers(about) if driver in OUTSIDE]
-    channels = channels_of(about, R_bi, observed, modelled, added, settings)
+    added = (added["linear"] for _, _, added in effects_of(about, ("linear",)) if "linear" in added)
+    lines = (shape[:, None, None] * np.eye(3) for driver, _, shape in drivers(about) if driver in OUTSIDE)
+    channels = channels_of(about, R_bi, observed, modelled, itertools.chain(added, lines), settings)
     satellite, prior = settings["satellite"], np.zeros((6, 1 + GLOBAL))
     pressure = np.array(satellite["centre_of_pressure"])
     distance = np.linalg.norm(satellite["sensor_position_sigma"], axis=0)
