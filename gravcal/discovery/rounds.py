@@ -488,7 +488,8 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         for k, one in others:  # what is significant beside it, corrected as when it was named
             beside = attribution.beside(grown, [j for j, _ in others if j != k] + [index], k)
             log_p = float(chi2_tail.log_tail(beside.gain, max(beside.dof, 1), choice.freedom))
-            times = np.log(one.significance) - one.log_p if one.significance > 0 else MANY
+            known = one.significance > 0 and np.isfinite(one.log_p)
+            times = np.log(one.significance) - one.log_p if known else MANY
             kept += [(k, one)] if log_p + times < np.log(choice.level) else []
         problem, chosen = grown, [*kept, (index, trial)]
         after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
