@@ -6,6 +6,7 @@ import json
 import urllib.parse
 import zipfile
 from pathlib import Path
+from unittest import mock
 
 import pytest
 import xarray as xr
@@ -72,10 +73,11 @@ def test_a_result_says_what_to_cite(satellite, name, monkeypatch):
     """Contract: measured data and papers by DOI where they have one; a file that the format's keys describe."""
     raw = [{"satellite": satellite, "product": name}]
     monkeypatch.setattr(history, "raw_files", lambda _: raw)
-    monkeypatch.setattr(export, "_origin", lambda _: "simulated")
+    of = lambda origin: lambda _: mock.Mock(attrs={"origin": origin})  # noqa: E731
+    monkeypatch.setattr(export.housekeeping, "content", of("simulated"))
     reports = [one for one in export.housekeeping.entries(event=EVENT) if one.ref.stage.endswith("report")]
     found = yaml.safe_load(export.citation(EVENT, "operational", reports))
-    monkeypatch.setattr(export, "_origin", lambda _: "measured")
+    monkeypatch.setattr(export.housekeeping, "content", of("measured"))
     measured = yaml.safe_load(export.citation(EVENT, "operational", reports))
     for one in (found, measured, yaml.safe_load((ROOT / "CITATION.cff").read_text())):
         assert {"cff-version", "message", "title", "authors", "type", "references"} <= set(one)

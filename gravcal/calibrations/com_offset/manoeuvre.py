@@ -375,7 +375,7 @@ def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray,
     columns = np.stack([unwhiten(one.noise[channel][a], parts[a], valid) for a in range(3)], axis=1)
     if channel == "linear":
         model = one.wide_operator(one.wide.linear_b)
-        inside = (time >= one.time[0]) & (time <= one.time[-1])
+        inside = (time >= one.operator.time[0]) & (time <= one.operator.time[-1])
         added = np.nan_to_num(columns[:, :, 1] - columns[:, :, 2]) ** 2
         if added[~inside].sum() < SHOWN * added.sum():
             time, model, columns = time[inside], model[inside], columns[inside]
