@@ -1,5 +1,6 @@
 """Parts of a search on invented algebra: columns, foreign causes, what is held out, times and frequencies."""
 
+import itertools
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -210,6 +211,22 @@ def test_gain_of_a_step_is_that_of_least_squares():
         one = columns if dof == 3 else columns[:, [k % 16 // 4 - 1]]
         left = [np.linalg.lstsq(m, right)[1][0] for m in (plain, np.concatenate([plain, one], axis=1))]
         assert gain == pytest.approx(left[0] - left[1], rel=1e-9)
+
+
+def test_gain_of_a_line_is_that_of_least_squares():
+    """Analytic: cosine and sine on one axis, beside drifts and the shared column; on all axes the sum."""
+    (block,) = blocks_of(np.random.default_rng(3))[:1]
+    problem, baseline = prepare([block], []), np.array([1])
+    rest, grid = residuals_of(problem, baseline, observed_rows(problem)), np.array([0.03, 0.11, 0.2])
+    gain, dof = scan.line_gains(problem, baseline, rest, "linear", grid)
+    plain = np.concatenate([block.local_columns, block.global_columns], axis=1)
+    for axis, at in itertools.product(range(3), range(3)):
+        waves = np.stack([np.cos(turn := 2 * np.pi * grid[at] * block.time), np.sin(turn)], axis=1)
+        both = np.concatenate([plain, np.where(block.axis[:, None] == axis, waves, 0.0)], axis=1)
+        left = [np.linalg.lstsq(m, block.observed)[1][0] for m in (plain, both)]
+        assert gain[axis, at, 0] == pytest.approx(left[0] - left[1], rel=1e-6)  # of the ridge
+    assert_allclose(gain[3], gain[:3].sum(axis=0))
+    assert dof.tolist() == [[2] * 3] * 3 + [[6] * 3]
 
 
 def three_blocks(rng, added):
