@@ -26,6 +26,7 @@ from gravcal.physics import dynamics, frames, orbit_environment
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
 #: Between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain.
 STEP_S = 1.0
+DRAG = np.array([6e-8, 0.0, 0.0])  # m s-2, of the environment that effects look at
 PADS_S = 60.0  # of linear reading on either side of a manoeuvre
 SHOWN = 0.05  # share of the square of what a finding adds that lies beside the manoeuvre, from which on this is shown
 
@@ -195,13 +196,13 @@ def _manoeuvre(products, index, window, estimates, settings):
     sampled = at_one_hertz(field_, *window.arc.edges[[0, -1]])
     about = sensitivity[:, :, :6], local, sensitivity[:, :3, 6:9], shift, seen
     pads = _pads(aligned, index, first, last)
-    wide, longer = _wide(aligned, field_, pads, rows, context, orbit), last - first
-    longer = (aligned["time_acc"].values[pads][-1] - aligned["time_acc"].values[pads][0]) / longer
+    wide = _wide(aligned, field_, pads, rows, context, orbit)
+    degree = round(settings["linear_drift_degree"] * np.ptp(wide.time) / (last - first))
     read = (aligned["acc_flag"].values == 0) & np.isfinite(aligned["linear_b"].values).all(axis=1)
-    pass_all = operator_for(wide.time, read[pads], wide.time[0], wide.time[-1], *filters)
+    wide_operator = operator_for(wide.time, read[pads], wide.time[0], wide.time[-1], *filters)
     law = catalogue()["accelerometer.offset"]
     context, wide = (replace(one, linear_b=law.contribution(one, offset)) for one in (context, wide))
-    now = context, wide, pads, pass_all, offset, round(settings["linear_drift_degree"] * longer), sampled, orbit
+    now = context, wide, pads, wide_operator, offset, degree, sampled, orbit
     return Manoeuvre(index, window, time, rows, operator, *about, noise, *now)
 
 
@@ -216,18 +217,25 @@ def _pads(aligned, index, first, last):
 
 def _wide(aligned, field_, pads, rows, context, orbit):
     """Context at the epochs of the linear reading; in the pads no torque turns the body, and no current flows."""
-    time, known = aligned["time_acc"].values[pads], np.isfinite(aligned["quaternion"].values).all(axis=1)
-    inside, tags = rows - pads.start, aligned["time_sca"].values[known]
-    attitude = frames.interpolate(tags, aligned["quaternion"].values[known], np.clip(time, tags[0], tags[-1]))
-    R_bi = frames.R_bi_from_quaternion(attitude)
-    inertial = np.stack([np.interp(time, field_["time_orbit"].values, c) for c in field_["field_i"].values.T], axis=1)
-    parts = {"field_b": np.matvec(R_bi, inertial)}
+    time, inside = aligned["time_acc"].values[pads], rows - pads.start
+    R_bi, field_b = _attitude_and_field(aligned, field_, time)
+    parts = {"field_b": field_b}
     for name in ("rate_b", "gradient_b", "rate_dot_b", "angular_b", "dipole_b", "field_b"):
         own = getattr(context, name)
         rest = own.mean(axis=0) if name in ("rate_b", "gradient_b") else np.zeros(own.shape[1:])
         parts.setdefault(name, np.broadcast_to(rest, (time.size, *own.shape[1:])).copy())[inside] = own
-    environment = orbit_environment.extras(time, *orbit, R_bi, context.extra["mass"], np.array([6e-8, 0.0, 0.0]))
+    environment = orbit_environment.extras(time, *orbit, R_bi, context.extra["mass"], DRAG)
     return replace(context, time=time, **parts, extra=context.extra | environment)
+
+
+def _attitude_and_field(aligned, field_, time):
+    """Attitude (n, 3, 3) R_bi by the star camera and field (n, 3) T in the body, at any epochs of the records."""
+    known = np.isfinite(aligned["quaternion"].values).all(axis=1)
+    tags = aligned["time_sca"].values[known]
+    quaternion = frames.interpolate(tags, aligned["quaternion"].values[known], np.clip(time, tags[0], tags[-1]))
+    R_bi = frames.R_bi_from_quaternion(quaternion)
+    inertial = np.stack([np.interp(time, field_["time_orbit"].values, c) for c in field_["field_i"].values.T], axis=1)
+    return R_bi, np.matvec(R_bi, inertial)
 
 
 def offset_of(solved: xr.Dataset) -> np.ndarray:
@@ -255,7 +263,7 @@ def _context(window, shift, base, orbit, time):
     same = time.size == base.time.size and np.array_equal(time, base.time)
     thin = lambda v: v if same else np.stack([np.interp(time, base.time, c) for c in v.T], axis=1)  # noqa: E731
     R_bi = attitude_at(window, time)
-    environment = orbit_environment.extras(time, *orbit, R_bi, base.extra["mass"], np.array([6e-8, 0.0, 0.0]))
+    environment = orbit_environment.extras(time, *orbit, R_bi, base.extra["mass"], DRAG)
     return replace(
         base,
         time=time,
@@ -436,11 +444,7 @@ def _control(aligned, field_, time, settings):
     mag = aligned["time_mag"].values
     index = np.clip(np.searchsorted((mag[1:] + mag[:-1]) / 2, time), 0, mag.size - 1)
     dipole = np.nan_to_num(aligned["current_b"].values[index]) * np.asarray(settings["dipole_per_current"])
-    known = np.isfinite(aligned["quaternion"].values).all(axis=1)
-    sca = aligned["time_sca"].values[known]
-    quaternion = frames.interpolate(sca, aligned["quaternion"].values[known], np.clip(time, sca[0], sca[-1]))
-    inertial = np.stack([np.interp(time, field_["time_orbit"].values, c) for c in field_["field_i"].values.T], axis=1)
-    torque = np.cross(dipole, np.matvec(frames.R_bi_from_quaternion(quaternion), inertial))
+    torque = np.cross(dipole, _attitude_and_field(aligned, field_, time)[1])
     return np.linalg.solve(np.asarray(settings["inertia"]), torque.T).T
 
 
