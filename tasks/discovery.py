@@ -9,6 +9,7 @@ import json
 import sys
 
 from gravcal.discovery import DISCOVERY
+from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Reported, entries
 from gravcal.store import product
 from tasks.stage import lazy, stage
@@ -28,14 +29,14 @@ ANY_PRODUCT = ["*"]
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=17, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=18, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
     found = driver.discover(observations_of(products, observations, names, settings), _limits(limits))
     return found.assign_attrs(records=product.digest(products[0]) if products else "")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=17, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=18, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
     observed = observations_of(products, observations, names, settings)
@@ -81,7 +82,7 @@ def report(found, *combined, calibration, observations, event, satellite, settin
     return report_science.report(found, *combined, settings=settings, reported=reported, **named)
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=4, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=5, also=["{observations}"])
 def evidence(*products, calibration, observations, names, settings):  # noqa: ARG001 - it names the product
     """What an event tells of the causes of the catalogue, for a search over many; housekeeping after the products."""
     observed = observations_of(products[: len(names)], observations, names, settings)
@@ -103,7 +104,7 @@ def observations_of(products, observations, names, settings):
 
 
 def _model(found, tentative=True):
-    findings = json.loads(found.attrs["numbers"]).get("findings", [])
+    findings = result_of(found).get("findings", [])
     return entries([one for one in findings if tentative or one["adopted"]])
 
 

@@ -9,5 +9,7 @@ block are residuals; `rows` the trials of a round and `chosen` the (index, trial
 import tomllib
 from pathlib import Path
 
+from gravcal.estimation import quantities
+
 #: Schema of the products of discovery, as `gravcal.store.product` has them.
-DISCOVERY = tomllib.loads(Path(__file__).with_name("discovery.toml").read_text(encoding="utf-8"))
+DISCOVERY = tomllib.loads(Path(__file__).with_name("discovery.toml").read_text(encoding="utf-8")) | quantities.SCHEMA

@@ -4,7 +4,6 @@ A calibration hands over `gravcal.estimation.records.Observations`; nothing here
 """
 
 import itertools
-import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 
@@ -29,6 +28,7 @@ from gravcal.discovery.scan import offered, side_by_side
 from gravcal.discovery.trials import EXCESS, SHARES
 from gravcal.errors import CatalogError
 from gravcal.estimation import chi2_tail
+from gravcal.estimation.quantities import SCHEMA, result_of, tabled
 from gravcal.estimation.records import (
     Block,
     Candidate,
@@ -58,10 +58,10 @@ class Limits:
 
 
 def discover(observed: Observations | None, limits: Limits) -> xr.Dataset:
-    """What the model of an event gets wrong, and why: Dataset of kind discovery, its summary as JSON in `numbers`."""
+    """What the model of an event gets wrong, and why: Dataset of kind discovery, its summary as quantities."""
     if observed is None:
-        values = {name: [] for name, stated in DISCOVERY.items() if not stated.get("optional")}
-        return _dataset(values, numbers=json.dumps({"status": "no_manoeuvre"}), channels="", blocks="")
+        values = {name: [] for name, stated in DISCOVERY.items() if not stated.get("optional") and name not in SCHEMA}
+        return tabled(_dataset(values, channels="", blocks=""), {"status": "no_manoeuvre"})
     result, numbers = _searched(observed, limits, ())
     return _product(observed, limits, result, numbers)
 
@@ -79,7 +79,7 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     first : Dataset of kind discovery
     model : what it found
     """
-    before = json.loads(first.attrs["numbers"])
+    before = result_of(first)
     gains = [(one["cause"], one["heldout_gain"]["in_sample_chi2"]) for one in before.get("findings", [])]
     if observed is None or not observed.worth_another(gains, before.get("adequate_after", True)):
         return first
@@ -114,8 +114,7 @@ def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits
         left = left[np.argsort(_order(observed.blocks)[2])]
     left = np.split(left, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
     rows = detection_limits(observed, left, _choice(observed, limits), say)
-    numbers = json.dumps(json.loads(found.attrs["numbers"]) | {"limits": rows}, allow_nan=False, sort_keys=True)
-    return found.assign_attrs(numbers=numbers)
+    return tabled(found, result_of(found) | {"limits": rows})
 
 
 def _choice(observed, limits):
@@ -436,12 +435,9 @@ def dataset(
         "p_band_before": [r["p"] for r in rows],
         "p_band_after": [r["p"] for r in after.rows],
     }
-    plain = json.loads(json.dumps(numbers, default=lambda one: one.item()), parse_constant=lambda _: None)
-    text = json.dumps(plain, allow_nan=False, sort_keys=True)
-    words = {"numbers": text, "channels": " ".join(names), "blocks": ", ".join(labels)}
-    where = [asdict(one) | {"block": blocks[one.block].label} for one in places]
-    words |= {"shown": json.dumps(where), "periods": json.dumps(list(periods))}
-    return _dataset(values | reading, **words)
+    shown = [asdict(one) | {"block": blocks[one.block].label} for one in places]
+    made = _dataset(values | reading, channels=" ".join(names), blocks=", ".join(labels))
+    return tabled(made, numbers | {"readings": {"shown": shown, "periods": list(periods)}})
 
 
 def summary(result: Result, choice: Choice, observed: Observations) -> dict:

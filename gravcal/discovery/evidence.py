@@ -3,7 +3,6 @@
 Kept apart from the search, so that a change of that makes nothing of this again.
 """
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
@@ -15,6 +14,7 @@ from gravcal.discovery.problem import prepare
 from gravcal.effects import effect
 from gravcal.errors import refuse
 from gravcal.estimation.moving import YEAR_S
+from gravcal.estimation.quantities import result_of, tabled
 from gravcal.estimation.records import Observations, slug_of
 
 #: What causes may follow from event to event, where every event tells it.
@@ -54,7 +54,7 @@ def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dat
     event whose tags are minutes off tells nothing.
     """
     if observed is None or observed.shifted:
-        return xr.Dataset({"gram": (("column", "other"), np.zeros((0, 0)))}, attrs={"numbers": "{}"})
+        return tabled(xr.Dataset({"gram": (("column", "other"), np.zeros((0, 0)))}), {})
     every = [one for one in observed.candidates if one.listed and slug_of(one.cause) == one.cause]
     every = [replace(one, prior=_prior(one)) for one in every if not one.form.endswith("alone")]
     every = [one for one in every if len(one.prior) == len(one.names)]
@@ -78,7 +78,7 @@ def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dat
     about = {"gram": ("column other", "products of whitened columns"), "size": ("column", "norm of the columns")}
     values = {"gram": gram, "size": problem.size[kept]}
     made = {n: (d.split(), values[n], {"units": "1", "long_name": said}) for n, (d, said) in about.items()}
-    return xr.Dataset(made, attrs={"numbers": json.dumps(numbers, allow_nan=False, sort_keys=True)})
+    return tabled(xr.Dataset(made), numbers)
 
 
 def _prior(one):
@@ -112,7 +112,7 @@ def temperature(housekeeping: Sequence[xr.Dataset], begin: float, end: float) ->
 
 def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Event]:
     """Events of their products in order of time, with the causes that all of them have; none without manoeuvre."""
-    read = [(json.loads(one.attrs["numbers"]), one, name) for one, name in zip(products, names, strict=True)]
+    read = [(result_of(one), one, name) for one, name in zip(products, names, strict=True)]
     read = sorted((row for row in read if row[0]), key=lambda row: row[0]["time"])
     if len(read) < 2:
         refuse("joint search", f"{len(read)} events with manoeuvres", "two at least", "Name more events.")

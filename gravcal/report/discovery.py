@@ -10,6 +10,7 @@ import xarray as xr
 
 from gravcal import toml
 from gravcal.calibrations.checks import at_most
+from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Reported
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages, plain
@@ -104,7 +105,8 @@ def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
     The change of the result is that which the calibration itself finds, where it does; where the result is known
     beforehand it is compared, and its error may be wider than that.
     """
-    numbers = json.loads(found.attrs["numbers"])
+    numbers = result_of(found)
+    numbers.pop("readings", None)
     status, expected, checks = numbers.pop("status", "delivered"), numbers.pop("expected", {}), []
     change = numbers.get("calibration_change")
     if combined and change:
@@ -400,7 +402,7 @@ def _spectrum(found, channel):
 
 def shown(found, number: int) -> tuple[dict, np.ndarray, dict[str, np.ndarray]] | None:
     """Place of a finding, epochs s from the first (n,), {side: (n,)} of its axis; None where it helps no reading."""
-    rows = json.loads(found.attrs.get("shown", "[]"))
+    rows = result_of(found).get("readings", {"shown": ()})["shown"]
     known = (one for one in rows if f"{one['channel']}_measured" in found)  # not that of a plugin
     one = next((one for one in known if one["finding"] == number), None)
     if one is None:
@@ -421,12 +423,12 @@ def _kept(values, index):
 
 def fold(found, number: int) -> float | None:
     """Period s over which what a finding adds to its reading repeats: its own, or one of the manoeuvre; or None."""
-    view, findings = shown(found, number), json.loads(found.attrs["numbers"])["findings"]
-    if view is None or not 0 <= number < len(findings):
+    view, known = shown(found, number), result_of(found)
+    if view is None or not 0 <= number < len(known["findings"]):
         return None
     _, time, curves = view
-    own = findings[number]["parameters"].get("frequency", {}).get("value")
-    periods = [*([1 / own] if own else []), *json.loads(found.attrs["periods"])]
+    own = known["findings"][number]["parameters"].get("frequency", {}).get("value")
+    periods = [*([1 / own] if own else []), *known["readings"]["periods"]]
     added = curves["extended"] - curves["simulated"]
     quick = {p: _quick(time, added, p) for p in periods if 3 * p < time[-1]}
     share = {p: _kept(v, _bins(time, p)) for p, v in quick.items() if np.nanvar(v) > SLOW * np.nanvar(added)}

@@ -2,7 +2,6 @@
 
 import datetime
 import itertools
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -12,6 +11,7 @@ import xarray as xr
 from gravcal import toml
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.moving import YEAR_S, Moving, moving
+from gravcal.estimation.quantities import result_of
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages
 from gravcal.report.discovery import parameter_rows
@@ -30,7 +30,7 @@ def report(search, products, *, history, settings, calibration, event, satellite
     `products` are {event: evidence}, `history` {"trims": [{"date", "axis", "size", "confirmed"}], "printed": [{"time",
     "parameter", "value", "sigma"}]}, `settings` the configuration and the events left out with the reason.
     """
-    result, known = search.run(), json.loads(next(iter(products.values())).attrs["numbers"])
+    result, known = search.run(), result_of(next(iter(products.values())))
     scale, names, unit = np.array(known["scale"]), known["parameters"], known["unit"]
     time = np.array([one.time for one in search.events])
     value, spread = result.offset * scale, result.spread * np.multiply.outer(scale, np.ones((len(time), 1))) * scale

@@ -1,7 +1,5 @@
 """What discovery sees of a ranging campaign."""
 
-import json
-
 import numpy as np
 import pytest
 from kbr_campaign import DAY, NOMINAL, process, simulated, true_mm
@@ -12,6 +10,7 @@ from gravcal.calibrations.align import LATE_S, QUATERNION, late_of_pair
 from gravcal.calibrations.kbr_phase_centre.observations import observe
 from gravcal.discovery import attribution, driver
 from gravcal.discovery.problem import baseline_of, inverse_of, prepare
+from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Entry, Parameter
 from tasks import kbr_phase_centre as stages
 
@@ -79,7 +78,7 @@ def test_records_shifted_against_each_other_name_no_cause_but_timing(late, cause
     for key in (one for one in columns if "".join(one).startswith(late)):
         columns[key]["gps_time"] = columns[key]["gps_time"] + 137
     observed = seen(columns)
-    told = json.loads(driver.discover(observed, driver.Limits(0.005, 9.0, 4, 1800.0, 1)).attrs["numbers"])
+    told = result_of(driver.discover(observed, driver.Limits(0.005, 9.0, 4, 1800.0, 1)))
     (one,) = told["findings"]
     assert (one["cause"], one["tied_with"], told["adequate_after"]) == (cause, [], True)
     delay = Parameter(**one["parameters"]["delay"])

@@ -1,6 +1,5 @@
 """A routine day: every instrument that has records, measured beside simulated; what is missing is said."""
 
-import json
 from pathlib import Path
 
 import commands
@@ -11,6 +10,7 @@ import seeds
 from gravcal import catalog
 from gravcal.calibrations.routine import accelerometer, observations
 from gravcal.discovery import driver
+from gravcal.estimation.quantities import result_of
 from gravcal.io import archive, readers, writers
 from gravcal.simulation import com_offset, sensors
 
@@ -186,7 +186,7 @@ def test_a_share_of_the_impulse_is_named_before_the_pairs_that_hold_it(tmp_path,
     assert abs(found["value"].values[at] - true["delay"]) < 4 * found["sigma"].values[at]
     assert found.sizes["transient"] <= len(twangs)
     seen = observations.observe({"align": records, "estimate": found}, **CHOSEN.for_stage("observe"))
-    numbers = json.loads(driver.discover(seen, driver.Limits(0.005, 9.0, 8, 900.0, 1)).attrs["numbers"])
+    numbers = result_of(driver.discover(seen, driver.Limits(0.005, 9.0, 8, 900.0, 1)))
     named = {one["cause"]: one["tied_with"] for one in numbers["findings"]}
     assert named == {"timing.thruster_delay": [], observations.FIRINGS: [], accelerometer.FORCE: []}
 

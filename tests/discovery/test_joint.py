@@ -12,6 +12,7 @@ from flows import discover as watching
 from gravcal.discovery import evidence, joint
 from gravcal.effects import effect
 from gravcal.estimation import moving
+from gravcal.estimation.quantities import tabled
 from gravcal.report import joint as report
 
 RNG_LEVEL = 1e-4
@@ -154,7 +155,7 @@ def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):
     """Written, read as any model, with the values of the day; and what a later search changed is said."""
     made = events(rng, LAWS["epochs"])
     numbers = {"scale": [1e6] * 3, "common": [0.0] * 3, "parameters": ["x", "y", "z"], "unit": "um"}
-    products = {one.name: xr.Dataset(attrs={"numbers": json.dumps(numbers), "origin": "simulated"}) for one in made}
+    products = {one.name: tabled(xr.Dataset(attrs={"origin": "simulated"}), numbers) for one in made}
     about = {"history": {"trims": [], "printed": []}, "settings": {"configuration": "operational", "left_out": {}}}
     about |= {"calibration": "com_offset", "event": "grace-c", "satellite": "C"}
     _, files = report.report(joint.Search(made, 0.005, 9.0, 4), products, **about)

@@ -1,6 +1,5 @@
 """Views of measured data on simulated records: hidden firings, leaks and steps found, clean data silent."""
 
-import json
 import re
 from types import SimpleNamespace
 
@@ -19,6 +18,7 @@ from gravcal.calibrations.schemas import build
 from gravcal.calibrations.thrusters import model
 from gravcal.calibrations.thrusters import observations as thrusters
 from gravcal.discovery.driver import Limits, discover
+from gravcal.estimation.quantities import result_of
 from gravcal.physics import frames
 from gravcal.store.schemas import validate
 
@@ -60,7 +60,7 @@ def schedule(rng):
 
 def findings(observed):
     """Findings of a search at a chance of false names of one in ten thousand, {cause: finding}."""
-    numbers = json.loads(discover(observed, Limits(1e-4, 9.0, 4, 900.0, 20140115)).attrs["numbers"])
+    numbers = result_of(discover(observed, Limits(1e-4, 9.0, 4, 900.0, 20140115)))
     return {one["cause"]: one for one in numbers["findings"]}
 
 

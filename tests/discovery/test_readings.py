@@ -1,6 +1,5 @@
 """Readings in their own units: rebuilt from whitened rows, beside what either model simulates."""
 
-import json
 from dataclasses import replace
 
 import commands
@@ -14,6 +13,7 @@ from gravcal.calibrations.com_offset.observations import observe
 from gravcal.discovery.driver import Shown, clearest, dataset, variables
 from gravcal.discovery.rounds import Choice, search
 from gravcal.estimation.noise import whiten
+from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Block, Candidate
 from tasks import stage
 
@@ -63,7 +63,8 @@ def test_what_a_finding_helps_most_is_shown_or_the_least_likely_band():
     product = dataset(found, {}, (), shown, places, [12.0])
     assert product["linear_measured"].attrs["units"] == "m s-2"
     assert set(product["linear_finding"].values) == {0.0}
-    assert json.loads(product.attrs["shown"]) == [{"finding": 0, "channel": "linear", "block": "block 1", "axis": 0}]
+    place = {"finding": 0, "channel": "linear", "block": "block 1", "axis": 0}
+    assert result_of(product)["readings"] == {"shown": [place], "periods": [12.0]}
     assert "angular_measured" not in product
     assert clearest(found, ("angular",), 0.005, without) == []
     found = result(2.0, listed=False)

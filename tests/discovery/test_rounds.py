@@ -1,6 +1,5 @@
 """The rounds on invented linear algebra: no satellite."""
 
-import json
 from dataclasses import replace
 from types import SimpleNamespace
 
@@ -15,6 +14,7 @@ from gravcal.discovery.model_average import _held, delivered, left_open
 from gravcal.discovery.problem import baseline_of, drawn_noise, prepare
 from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
+from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Block, Candidate, Observations, Shape, Wider
 from gravcal.report.discovery import limits_table, outlier_table, tied_table, unobservable_table
 from gravcal.report.discovery_words import verdict
@@ -357,7 +357,7 @@ def test_the_correction_is_what_the_records_without_the_model_lack(kind):
     columns = [c + 0.5 * b.global_columns for c, b in zip(first.columns, blocks, strict=True)]
     hidden = hiding(blocks, [b.global_columns for b in blocks], 10 / np.sqrt(1200))
     found = discover(kind(hidden, [replace(first, columns=columns)]), Limits(0.005, 9.0, 4, 15.0, 1))
-    numbers = json.loads(found.attrs["numbers"])
+    numbers = result_of(found)
     assert [one["adopted"] for one in numbers["findings"]] == [True]
     change = numbers["calibration_change"]
     assert abs(change["change"][0]) > 0.1

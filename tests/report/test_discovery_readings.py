@@ -1,12 +1,12 @@
 """Page of a discovery: a panel for each finding, and what is said of it."""
 
-import json
 import re
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from gravcal.estimation.quantities import tabled
 from gravcal.report import discovery, pages
 from gravcal.report import discovery_words as words
 
@@ -25,8 +25,8 @@ def found(added, axes=3, number=0, parameters=None, **attrs):
     data[f"{channel}_finding"] = (f"{channel}_time", np.full(time.size, float(number)))
     shown = [PLACE | {"finding": number, "channel": channel, "axis": min(1, axes - 1)}]
     findings = [{"parameters": parameters or {}}] if number >= 0 else []
-    attrs = {"shown": json.dumps(shown), "periods": "[12.0]", "numbers": json.dumps({"findings": findings})} | attrs
-    return xr.Dataset(data, {f"{channel}_time": 6e8 + time}, attrs=attrs)
+    made = xr.Dataset(data, {f"{channel}_time": 6e8 + time}, attrs=attrs)
+    return tabled(made, {"findings": findings, "readings": {"shown": shown, "periods": [12.0]}})
 
 
 def follows(time):

@@ -12,6 +12,7 @@ from hypothesis import strategies as some
 from hypothesis.extra import numpy as arrays
 
 from gravcal.errors import ProductError
+from gravcal.estimation.quantities import result_of, tabled
 from gravcal.store import product
 
 SCHEMA = {
@@ -172,3 +173,17 @@ def test_threads_read_and_write_at_once(tmp_path):
 
     with ThreadPoolExecutor(6) as pool:
         assert set(pool.map(there_and_back, range(60))) == {product.digest(made)}
+
+
+def test_a_result_is_kept_as_quantities(tmp_path):
+    """Contract: numbers, texts, truths, lists and tables come back as they were; NaN and infinity as nothing."""
+    result = {"a/b~": [1, 2.5, np.float64(3.0), None, True, ""], "c": {}, "d": [[], {"e": np.int64(4)}], "f": np.nan}
+    kept = product.settled(tabled(xr.Dataset({"x": ("x", [1.0])}), {"old": 1}))
+    kept = product.settled(tabled(kept, result | {"g": np.inf}))
+    product.write(kept, tmp_path / "product.nc")
+    read = product.from_bytes((tmp_path / "product.nc").read_bytes())
+    found = result_of(read)
+    assert found == result | {"f": None, "g": None}
+    assert [type(one) for one in found["a/b~"][:5]] == [int, float, float, type(None), bool]
+    assert float(read["quantity_value"].sel(quantity="/a~1b~0/1")) == 2.5
+    assert result_of(xr.Dataset()) == {} == result_of(tabled(xr.Dataset(), {}))

@@ -1,6 +1,5 @@
 """Report of a routine day: one section an instrument, measured beside simulated, causes, and what is missing."""
 
-import json
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
@@ -10,6 +9,7 @@ from gravcal.calibrations import schemas
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.routine.accelerometer import COMPONENTS, PAIRS
 from gravcal.calibrations.schemas import build
+from gravcal.estimation.quantities import result_of
 from gravcal.report import discovery, discovery_words, documents
 from gravcal.report.discovery import findings_table, tied_table
 from gravcal.report.figures import AXIS, COLOURS, grid, thinned
@@ -102,7 +102,7 @@ def report(
     """Report product of a day and its files, from products named "part.stage" and what parts could not run for."""
     products = dict(zip(names, given, strict=True))
     searches = {part: products[f"{part}.discovery"] for part in pages if f"{part}.discovery" in products}
-    if _of_other_times({part: json.loads(one.attrs["numbers"]) for part, one in searches.items()}):
+    if _of_other_times({part: result_of(one) for part, one in searches.items()}):
         products.pop("accelerometer.discovery", None)
     instruments, sections, parameters, checked = {}, [], {}, []
     for part, own in pages.items():
@@ -134,7 +134,7 @@ def _instrument(part, own, mine):
     facts, shown = own.content(mine)
     more, _ = own.more(mine)
     known = document(mine["estimate"])
-    numbers = json.loads(mine["discovery"].attrs["numbers"]) if "discovery" in mine else {}
+    numbers = result_of(mine["discovery"]) if "discovery" in mine else {}
     named = [
         {name: one.get(name) for name in ("cause", "form", "parameters", "tied_with", "significance")}
         for one in numbers.get("findings", [])
@@ -191,7 +191,7 @@ def discovered(*found, parts: Mapping, missing: Mapping[str, str], reported: Map
 
     Parts are {part: calibration, event and settings}, missing {part: why it has none}, reported {part: Reported}.
     """
-    apart = _of_other_times({p: json.loads(one.attrs["numbers"]) for p, one in zip(parts, found, strict=True)})
+    apart = _of_other_times({p: result_of(one) for p, one in zip(parts, found, strict=True)})
     searched = {part: (known, one) for (part, known), one in zip(parts.items(), found, strict=True)}
     if apart and searched.pop("accelerometer", None):
         missing = {**missing, "accelerometer": apart}

@@ -18,6 +18,7 @@ from gravcal.calibrations.com_offset import page as documented
 from gravcal.discovery import driver
 from gravcal.discovery.evidence import evidence
 from gravcal.errors import EstimationError
+from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Entry, Parameter
 from gravcal.store.schemas import validate
 
@@ -144,7 +145,7 @@ def test_tags_that_are_minutes_off_are_named_first(made, name, cause):
     assert failing == (both if name == "mag" else {f"delay of the {cause.replace('_', ' ')}"})
     seen = observations.observe({"align": late}, noise_order=20)
     assert evidence(seen)["gram"].size == 0
-    one, *rest = json.loads(driver.discover(seen, driver.Limits(0.005, 9.0, 4, 15.0, 1)).attrs["numbers"])["findings"]
+    one, *rest = result_of(driver.discover(seen, driver.Limits(0.005, 9.0, 4, 15.0, 1)))["findings"]
     assert {other["cause"] for other in rest} <= {"unknown:excess"}  # by edges that telemetry does not know
     assert (one["cause"], one["tied_with"]) == (f"timing.{cause}_delay", [])
     assert one["parameters"]["delay"]["value"] == 137
@@ -157,7 +158,7 @@ def test_an_orbit_of_another_time_is_named_and_nothing_else(made):
     """Recovery: instruments agree and attitudes are off an orbit 137 s late; none is where nothing is."""
     aligned = made[1]["align"]
     seen = observations.observe({"align": moved(aligned, time_orbit=aligned["time_orbit"].values + 137.0)})
-    found = json.loads(driver.discover(seen, driver.Limits(0.005, 9.0, 4, 15.0, 1)).attrs["numbers"])["findings"]
+    found = result_of(driver.discover(seen, driver.Limits(0.005, 9.0, 4, 15.0, 1)))["findings"]
     (one,) = (finding for finding in found if finding["cause"] != "unknown:excess")  # of minutes of pointing
     assert (one["cause"], one["tied_with"]) == ("timing.orbit_delay", [])
     assert abs(one["parameters"]["delay"]["value"] - 137) < one["parameters"]["delay"]["sigma"] < 20

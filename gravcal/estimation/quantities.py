@@ -1,0 +1,62 @@
+"""Numbers of a result as a table of quantities, which a product holds as variables: no text in an attribute to parse.
+
+A quantity is named by its place in the result, a JSON pointer (RFC 6901) such as "/findings/0/parameters/delay/value".
+"""
+
+import math
+from collections.abc import Iterator, Mapping
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    import xarray as xr
+
+#: Variables of the table, as schemas of products have them.
+SCHEMA = {
+    "quantity": {"dims": "quantity", "dtype": "str", "long_name": "place in the result, a JSON pointer"},
+    "quantity_kind": {"dims": "quantity", "dtype": "str", "long_name": "number, integer, truth, text, list or table"},
+    "quantity_value": {"dims": "quantity", "units": "1", "long_name": "number, in the unit that the result states"},
+    "quantity_text": {"dims": "quantity", "dtype": "str", "long_name": "text"},
+}
+
+
+def tabled(found: "xr.Dataset", result: Mapping) -> "xr.Dataset":
+    """Dataset with the table of a result: tables and lists of numbers, texts and truth values; NaN is nothing."""
+    columns = zip(*_rows("", result), strict=True)
+    made = {}
+    for (name, stated), values in zip(SCHEMA.items(), columns, strict=True):
+        labels = {label: stated[label] for label in ("units", "long_name") if label in stated}
+        made[name] = "quantity", np.array(values, dtype=object if "dtype" in stated else float), labels
+    return found.drop_dims("quantity", errors="ignore").assign(made)
+
+
+def _rows(place: str, value) -> Iterator[tuple[str, str, float, str]]:
+    """Place, kind, number and text of a value and of all that it holds, tables in order of their names."""
+    value = value.item() if isinstance(value, np.generic) else value
+    if isinstance(value, (Mapping, list, tuple)):
+        mapped = isinstance(value, Mapping)
+        yield place, "table" if mapped else "list", np.nan, ""
+        for name, one in sorted(value.items()) if mapped else enumerate(value):
+            yield from _rows(f"{place}/{str(name).replace('~', '~0').replace('/', '~1')}", one)
+    elif isinstance(value, str):
+        yield place, "text", np.nan, value
+    else:
+        kind = {bool: "truth", int: "integer"}.get(type(value), "number")
+        yield place, kind, float(value) if value is not None and math.isfinite(value) else np.nan, ""
+
+
+def result_of(found: "xr.Dataset") -> dict:
+    """Result in the table of a dataset, {} if it has none; a number that is nothing is None."""
+    places = {"": {}}
+    for place, kind, number, text in zip(*(found[name].values for name in SCHEMA if name in found), strict=True):
+        value = {"table": {}, "list": [], "text": text, "truth": bool(number)}.get(kind)
+        if value is None and math.isfinite(number):
+            value = int(number) if kind == "integer" else float(number)
+        parent, _, name = place.rpartition("/")
+        if place and isinstance(places[parent], list):
+            places[parent].append(value)
+        elif place:
+            places[parent][name.replace("~1", "/").replace("~0", "~")] = value
+        places |= {place: value} if kind in ("table", "list") else {}
+    return places[""]
