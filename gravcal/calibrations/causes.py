@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from gravcal.effects import Effect, effect
-from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter
 
 Columns = list[np.ndarray | None]
@@ -46,11 +46,6 @@ def on_axes(series: np.ndarray) -> np.ndarray:
     """Series (n,) or (n, w) on each of three axes, (n, 3, 3 w)."""
     series = series.reshape(len(series), -1)
     return np.einsum("nw,ac->nawc", series, np.eye(3)).reshape(len(series), 3, -1)
-
-
-def whitened(noise: Sequence[NoiseModel], values: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Whitened rows (3 n, q), axis after axis, of values (n, 3, q) with a noise model for each axis."""
-    return np.concatenate([whiten(model, np.ascontiguousarray(values[:, a]), valid) for a, model in enumerate(noise)])
 
 
 @dataclass(frozen=True)

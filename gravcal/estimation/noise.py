@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy import fft
 from scipy.fft import next_fast_len
-from scipy.ndimage import median_filter
+from scipy.ndimage import correlate1d, maximum_filter1d, median_filter
 from scipy.signal import lfilter
 from scipy.special import chdtrc
 
@@ -122,6 +122,11 @@ def whiten(noise: NoiseModel, columns: np.ndarray, valid: np.ndarray) -> np.ndar
     for matrix, first, begin, end in _pieces(noise, valid):
         out[begin:end] = matrix[: end - begin, : end - first] @ flat[first:end]
     return out.reshape(columns.shape)
+
+
+def whitened(noise: Sequence[NoiseModel], values: np.ndarray, valid: np.ndarray) -> np.ndarray:
+    """Whitened rows (3 n, q), axis after axis, of values (n, 3, q) with a noise model for each axis."""
+    return np.concatenate([whiten(model, np.ascontiguousarray(values[:, a]), valid) for a, model in enumerate(noise)])
 
 
 def _pieces(noise, valid):
@@ -573,3 +578,25 @@ def jump(series: np.ndarray, known: Sequence[int] = ()) -> int | None:
         if size[place] > limit:
             return place + side
     return None
+
+
+def isolated(values: np.ndarray, reach: int, limit: float, weights=None, least: float = 0.0) -> np.ndarray:
+    """Samples (n,) bool that stand apart from their neighbours on both sides, in runs no longer than `reach`.
+
+    The distance from the median of the neighbours, which follows steps and slow changes, is compared with what nine
+    tenths of such distances keep to, so that what happens all the time sets the scale and is none. Even values (n, k)
+    of any units; the limit in robust standard deviations, which are at least so large. Weights (2 reach + 1,) predict a
+    value by its neighbours, for series that bend more than they scatter; the largest distance within the reach is then
+    the outlier.
+    """
+    size = 2 * reach + 1
+    if len(values) < 10 * size:
+        return np.zeros(len(values), dtype=bool)
+    middle = median_filter(values, (size, 1)) if weights is None else correlate1d(values, weights, axis=0)
+    distance = np.abs(values - middle)
+    distance[:reach] = distance[-reach:] = 0.0
+    scale = np.maximum(np.quantile(distance, 0.9, axis=0) / 1.645, least)
+    apart = distance > limit * np.where(scale > 0, scale, np.inf)
+    if weights is not None:
+        apart &= distance >= maximum_filter1d(distance, size, axis=0)
+    return apart.any(axis=1)

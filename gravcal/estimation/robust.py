@@ -3,7 +3,6 @@
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.ndimage import correlate1d, maximum_filter1d, median_filter
 
 from gravcal.estimation.least_squares import stable_inverse
 
@@ -28,28 +27,6 @@ def igg3_weights(normalised: np.ndarray, k0: float, k1: float) -> np.ndarray:
     size = np.maximum(np.abs(normalised), 1e-300)
     middle = (k0 / size) * ((k1 - size) / (k1 - k0)) ** 2
     return np.where(size <= k0, 1.0, np.where(size <= k1, middle, 0.0))
-
-
-def isolated(values: np.ndarray, reach: int, limit: float, weights=None, least: float = 0.0) -> np.ndarray:
-    """Samples (n,) bool that stand apart from their neighbours on both sides, in runs no longer than `reach`.
-
-    The distance from the median of the neighbours, which follows steps and slow changes, is compared with what nine
-    tenths of such distances keep to, so that what happens all the time sets the scale and is none. Even values (n, k)
-    of any units; the limit in robust standard deviations, which are at least so large. Weights (2 reach + 1,) predict a
-    value by its neighbours, for series that bend more than they scatter; the largest distance within the reach is then
-    the outlier.
-    """
-    size = 2 * reach + 1
-    if len(values) < 10 * size:
-        return np.zeros(len(values), dtype=bool)
-    middle = median_filter(values, (size, 1)) if weights is None else correlate1d(values, weights, axis=0)
-    distance = np.abs(values - middle)
-    distance[:reach] = distance[-reach:] = 0.0
-    scale = np.maximum(np.quantile(distance, 0.9, axis=0) / 1.645, least)
-    apart = distance > limit * np.where(scale > 0, scale, np.inf)
-    if weights is not None:
-        apart &= distance >= maximum_filter1d(distance, size, axis=0)
-    return apart.any(axis=1)
 
 
 def solve(observed: np.ndarray, design: np.ndarray, constants: tuple[float, float], unknowns: int) -> RobustEstimate:

@@ -10,7 +10,7 @@ from gravcal.calibrations import schemas
 from gravcal.calibrations.align import in_windows, near_windows, own_tags, sorted_samples
 from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError, refuse
-from gravcal.estimation import robust
+from gravcal.estimation import noise
 from gravcal.physics import frames
 
 SCHEMAS = schemas.of("com_offset.toml")
@@ -211,7 +211,7 @@ def _outliers(name, time, values, flag, limit):
         return found
     values = values[usable] if name != "sca" else frames.continuous(values[usable])
     values = values[:, np.isfinite(values).all(axis=0)]
-    apart = robust.isolated(values, reach, limit, weights, least)
+    apart = noise.isolated(values, reach, limit, weights, least)
     step = np.median(np.diff(time[usable]))
     whole = np.zeros(usable.size, dtype=bool)  # with all its neighbours
     span = time[usable][2 * reach :] - time[usable][: usable.size - 2 * reach]

@@ -9,11 +9,10 @@ from scipy.interpolate import CubicSpline
 from scipy.linalg import block_diag
 from scipy.special import log_ndtr, ndtr
 
-from gravcal.calibrations.causes import whitened
 from gravcal.calibrations.com_offset.align import SCHEMAS, SURVEY_S
 from gravcal.calibrations.schemas import build
 from gravcal.estimation.least_squares import covariance, polynomial, stable_inverse, without
-from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation.noise import NoiseModel, fit_noise, whiten, whitened
 from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames, gravity
 

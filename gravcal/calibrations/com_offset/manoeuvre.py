@@ -13,12 +13,21 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.causes import on_axes, whitened
+from gravcal.calibrations.causes import on_axes
 from gravcal.calibrations.com_offset import attitude as motion
 from gravcal.calibrations.com_offset.estimate import nearest, quiet_operators, quiet_spans
 from gravcal.effects import Context, catalogue
 from gravcal.estimation import least_squares
-from gravcal.estimation.noise import NoiseModel, beside, fit_detrended, levels, unwhiten, whiten, without_lines
+from gravcal.estimation.noise import (
+    NoiseModel,
+    beside,
+    fit_detrended,
+    levels,
+    unwhiten,
+    whiten,
+    whitened,
+    without_lines,
+)
 from gravcal.estimation.records import Block
 from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames, orbit_environment

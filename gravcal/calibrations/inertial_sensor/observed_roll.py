@@ -14,7 +14,7 @@ import xarray as xr
 from scipy.fft import next_fast_len
 from scipy.optimize import nnls
 
-from gravcal.calibrations.causes import added_by, listed, unknown, whitened
+from gravcal.calibrations.causes import added_by, listed, unknown
 from gravcal.calibrations.inertial_sensor import bias as segments
 from gravcal.calibrations.inertial_sensor.observed_swing import EFFECTS, TONE, waves_of
 from gravcal.effects import effect
@@ -147,7 +147,7 @@ class RollView:
         """
         whole, nothing = np.ones(added.shape[1], dtype=bool), np.zeros((3, added.shape[3]))
         level = self.level.value.reshape(*self.time.shape, 3).swapaxes(1, 2).reshape(len(self.time), -1, 1)[first:]
-        white = [whitened(self.noise, one, whole) / louder for one, louder in zip(added, level, strict=False)]
+        white = [noise.whitened(self.noise, one, whole) / louder for one, louder in zip(added, level, strict=False)]
         return [np.concatenate([one, nothing]) for one in white]
 
     def blocks(self, parameters: Sequence[str], width: int, *, alone: bool) -> list[Block]:

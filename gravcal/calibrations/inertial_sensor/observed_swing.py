@@ -13,7 +13,7 @@ import xarray as xr
 from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
-from gravcal.calibrations.causes import added_by, listed, on_axes, unknown, whitened
+from gravcal.calibrations.causes import added_by, listed, on_axes, unknown
 from gravcal.calibrations.inertial_sensor import align
 from gravcal.calibrations.inertial_sensor import model as fits
 from gravcal.calibrations.inertial_sensor.estimate import Record, noise_models, quiet_blocks, record_of, swing_of
@@ -96,7 +96,7 @@ class SwingView:
     def linear_rows(self, reading: np.ndarray) -> np.ndarray:
         """Whitened rows (3 b, q), axis by axis, of what is added to the linear readings, (b, 3, q) m s-2."""
         volts = reading / self.k[:, None]
-        return whitened(self.record.noise, volts, self.good)
+        return noise.whitened(self.record.noise, volts, self.good)
 
     def blocks(self, parameters: Sequence[str]) -> list[Block]:
         """Both channels, even and odd stretches; global columns: all parameters, start values, drifts."""
