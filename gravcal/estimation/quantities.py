@@ -5,12 +5,9 @@ A quantity is named by its place in the result, a JSON pointer (RFC 6901) such a
 
 import math
 from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
-
-if TYPE_CHECKING:
-    import xarray as xr
 
 #: Variables of the table, as schemas of products have them.
 SCHEMA = {
@@ -21,8 +18,8 @@ SCHEMA = {
 }
 
 
-def tabled(found: "xr.Dataset", result: Mapping) -> "xr.Dataset":
-    """Dataset with the table of a result: tables and lists of numbers, texts and truth values; NaN is nothing."""
+def tabled(found: Any, result: Mapping) -> Any:
+    """An xarray Dataset with the table of a result: tables and lists of numbers, texts and truth values; NaN is nothing."""
     columns = zip(*_rows("", result), strict=True)
     made = {}
     for (name, stated), values in zip(SCHEMA.items(), columns, strict=True):
@@ -46,7 +43,7 @@ def _rows(place: str, value) -> Iterator[tuple[str, str, float, str]]:
         yield place, kind, float(value) if value is not None and math.isfinite(value) else np.nan, ""
 
 
-def result_of(found: "xr.Dataset") -> dict:
+def result_of(found: Any) -> dict:
     """Result in the table of a dataset, {} if it has none; a number that is nothing is None."""
     places = {"": {}}
     for place, kind, number, text in zip(*(found[name].values for name in SCHEMA if name in found), strict=True):
