@@ -19,7 +19,7 @@ SCHEMA = {
 
 
 def tabled(found: Any, result: Mapping) -> Any:
-    """An xarray Dataset with the table of a result: tables and lists of numbers, texts and truth values; NaN is nothing."""
+    """Dataset (xarray) with the table of a result: numbers, texts, truths, lists and tables of them; NaN is nothing."""
     columns = zip(*_rows("", result), strict=True)
     made = {}
     for (name, stated), values in zip(SCHEMA.items(), columns, strict=True):
