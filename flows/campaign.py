@@ -138,7 +138,7 @@ def answered(campaign, source):
 
 def make(campaign, source, folder):
     """Row of one event, calibrated with its stages in this process."""
-    engine.remake_versions(campaign.remake_versions)
+    os.environ[history.REMAKE] = "1" if campaign.remake_versions else "0"
     engine.single_threaded()
     os.environ.setdefault("POLARS_MAX_THREADS", "1")  # a run of its own reads with all cores; here each worker has one
     os.environ["GRAVCAL_PRODUCTS"] = folder

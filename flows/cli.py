@@ -9,7 +9,9 @@ import datetime
 import shlex
 import shutil
 import sys
+import tomllib
 from enum import StrEnum
+from inspect import Parameter, Signature, signature
 from pathlib import Path
 from typing import Annotated
 
@@ -40,27 +42,12 @@ reproductions = lazy("flows.reproduce")
 servers = lazy("flows.serve")
 timeline = lazy("gravcal.browse.timeline")
 
-HELP = """
-In-orbit calibration of gravity missions: Level-1 files in, calibration values with honest errors out.
-
-\b
-gravcal demo                                          simulate a calibration day, process it, compare with the truth
-gravcal fetch grace-c-2020-02-01 --out DIR            Level-1 archives of an event, from the official archives
-gravcal run com_offset --data DIR --satellite C       calibrate: any folder of Level-1 files, or an event's name
-gravcal run com_offset EVENT --set lowpass_hz=0.3     only what depends on the setting is made again
-gravcal plan com_offset EVENT --set lowpass_hz=0.3    what would be made again, and why
-gravcal run com_offset EVENT --as NAME                a what-if beside the delivery; settings, compare, promote
-gravcal campaign com_offset --data DIR                every event of a folder, in parallel
-gravcal discover com_offset EVENT                     what the simulation gets wrong, the cause, the gain
-gravcal design com_offset --satellite C --date DAY    the manoeuvres of the next session
-gravcal reproduce com_offset --out DIR                the source paper again, as printed and as corrected
-gravcal report EVENT                                  where the report is
-gravcal export EVENT                                  all of an event in one zip, with what to cite
-gravcal results --out results.csv                     every delivered value, with links
-gravcal browse                                        events, plots, comparisons and reports in a web browser
-gravcal products                                      what lies in the store (GRAVCAL_PRODUCTS)
-"""
-DEFAULT = "com_offset"  # calibration of demo and serve
+DEFAULT = "com_offset"  # calibration of demo
+#: Arguments and options of the commands, in the words of typer: those of a command beside what is the same for all.
+ARGUMENTS = tomllib.loads(Path(__file__).with_name("arguments.toml").read_text(encoding="utf-8"))
+KINDS = ", ".join(known())
+ENGINES = StrEnum("EngineName", engine.ENGINES)
+TYPES = {"path": Path, "whole": int, "number": float, "flag": bool, "texts": list[str], "engine": ENGINES, "text": str}
 
 
 def complete_events() -> list[str]:
@@ -71,33 +58,12 @@ def complete_events() -> list[str]:
     return sorted(names)
 
 
-def complete_products() -> list[str]:
-    """Products that the readable links name: EVENT/STAGE."""
-    latest = location.folder() / "latest"
-    links = sorted(link for link in latest.rglob("*") if link.is_symlink())
-    return [str(link.relative_to(latest)) for link in links]
-
-
 def complete_settings(ctx) -> list[str]:
     """Parameters of the calibration that was named, with an equals sign."""
-    name = _calibration_of(ctx)
-    simulated = ctx.info_name == "simulate"
+    words = [ctx.params.get("calibration"), *ctx.args]  # an option without its value leaves its words over
+    name = next((word for word in words if word in known()), "")
     with contextlib.suppress(Exception):
-        known = catalog.parameters(f"simulate_{name}" if simulated else name)
-        return [f"{one}=" for one in known.entries]
-    return []
-
-
-def complete_configurations(ctx) -> list[str]:
-    """Recorded experiments of the calibration that was named; what else the commands on configurations take."""
-    with contextlib.suppress(Exception):
-        name = _calibration_of(ctx)
-        more = {
-            "compare": [configurations.OPERATIONAL, configurations.CATALOGUE],
-            "promote": [configurations.CATALOGUE],
-        }.get(ctx.info_name, [])
-        more += list(catalog.parameters(name).entries) if ctx.info_name == "settings" else []
-        return [*configurations.names(name), *more]
+        return [f"{one}=" for one in catalog.parameters("simulate_" * (ctx.info_name == "simulate") + name).entries]
     return []
 
 
@@ -105,11 +71,6 @@ def complete_effects() -> list[str]:
     """Parameters of the effects, with an equals sign."""
     entries = sorted(effect_catalogue.catalogue().items())
     return [f"{slug}.{p.name}=" for slug, one in entries for p in one.parameters]
-
-
-def _calibration_of(ctx):
-    """Calibration that was named before; an option without its value ends the parsing, and its words are left over."""
-    return next((word for word in [ctx.params.get("calibration"), *ctx.args] if word in known()), "")
 
 
 def writable(ctx: typer.Context, path: Path | None) -> Path | None:
@@ -137,75 +98,41 @@ def day(text: str) -> str:
     raise typer.BadParameter(f"{text} is no day of the calendar, expected YYYY-MM-DD.")
 
 
-LETTERS = "C|D|CD|A|B|AB|T|S"
-EVENT = "event of the catalogue, such as grace-c-2020-02-01"
-FOLDER = "folder with Level-1 files or daily archives"
-MODEL = "extended model, as gravcal discover writes it"
-KINDS = ", ".join(known())
-DOCUMENT = "write the document as JSON ('-': standard output)"
-OTHER = "another value of a parameter"
-HISTORY = "Prefect keeps a history of runs"
-LAST = "event whose last report is wanted"
-SHOWN = "also from which size on each effect of the catalogue would have been named in this event"
-PAGE = "copy of the page"
-JOINT = "search all events of a satellite together: causes with their scope, and how the result moves"
-DAYS = "folders of days, or one with many: which causes repeat, with their values"
-THESE = "with --joint: only these"
-WORKERS = "processes here; 0: none but this"
-FLOWN = "design of the catalogue, or plan.toml of gravcal design, that is flown"
-APART = "causes that the session is to tell apart (gravcal effects)"
-BUDGET = "of manoeuvres in all, without: as many as the published session"
-CONSTRAINTS = "TOML with limits; a name that is not one says which there are"
-VERIFY = "flights of the design that are simulated and calibrated, to compare errors with those predicted"
-WHAT = f"{KINDS}, or printed numbers: published_table"
-MANY = "folder with Level-1 files of many days, or with one folder per event"
-SERVED = "reprocess the events of this folder; otherwise those of the catalogue, with their files in GRAVCAL_DATA"
-PAPER = "com_offset, kbr_phase_centre, inertial_sensor or gradient_torque: its source"
-PART = "noLRI, LRI, ACX, ACX2, MAG (magnetometer as calibrated by GFZ), SOE (sequence of events)"
-HOST = "address to listen on; the token in the address printed is asked for everywhere"
-PRUNE = "after a run by the clock remove what nothing refers to and is older"
-QUOTA = "and of the rest the oldest, until the store has less"
-WHICH = "EVENT/STAGE, EVENT/as/NAME/STAGE, beginning of a key, or path"
-DROPPED = "also what only experiments of this name (or pattern) refer to, with their links"
-SEQUENCE = "sequence-of-events file (TN-01): its centre-of-mass and ranging calibrations as events"
-COMPARED = "operational, catalogue, or an experiment"
-NAMED = "experiment, or catalogue"
-PARAMETER = "parameter or configuration"
-AS = "name of the experiment that --set or --model make; alone: a recorded experiment again"
-OTHERS = "make again what other versions of numpy, scipy or numba made"
-Calibration = Annotated[str, typer.Argument(metavar="CALIBRATION", help=KINDS, autocompletion=known)]
-Some = Annotated[str | None, typer.Argument(metavar="[CALIBRATION]", help=KINDS, autocompletion=known)]
-EventName = Annotated[str | None, typer.Argument(metavar="[EVENT]", help=EVENT, autocompletion=complete_events)]
-Data = Annotated[Path | None, typer.Option("--data", metavar="DIR", help=FOLDER)]
-Satellite = Annotated[str | None, typer.Option("--satellite", metavar=LETTERS, help="which satellite of the folder")]
-Date = Annotated[str | None, typer.Option("--date", metavar="YYYY-MM-DD", help="which day of the folder", parser=day)]
-Settings = Annotated[
-    list[str] | None,
-    typer.Option("--set", metavar="KEY=VALUE", help=OTHER, autocompletion=complete_settings),
-]
-Json = Annotated[Path | None, typer.Option("--json", metavar="FILE", help=DOCUMENT, callback=writable)]
-As = Annotated[str | None, typer.Option("--as", metavar="NAME", help=AS, autocompletion=complete_configurations)]
-Model = Annotated[Path | None, typer.Option("--model", metavar="FILE", help=MODEL)]
-Seed = Annotated[int, typer.Option("--seed", help="source of everything random")]
-EngineName = StrEnum("EngineName", engine.ENGINES)
-Engine = Annotated[EngineName, typer.Option("--engine", help=HISTORY)]
-Effects = Annotated[
-    list[str] | None,
-    typer.Option("--effect", metavar="SLUG.PARAMETER=VALUE", autocompletion=complete_effects),
-]
-RemakeVersions = Annotated[
-    bool,
-    typer.Option("--remake-versions", help=OTHERS, envvar=lineage.REMAKE, callback=engine.remake_versions),
-]
-Product = Annotated[str, typer.Argument(metavar="PRODUCT", help=WHICH, autocompletion=complete_products)]
-Url = Annotated[str, typer.Argument(metavar="URL", help="s3://BUCKET/FOLDER, another address of fsspec, or a folder")]
+#: Functions that arguments name: what completes, checks or reads them.
+FUNCTIONS = {one.__name__: one for one in (complete_events, complete_settings, complete_effects, writable, day, known)}
 
-app = typer.Typer(help=HELP, rich_markup_mode=None, pretty_exceptions_enable=False, no_args_is_help=True)
+app = typer.Typer(help=ARGUMENTS["help"], rich_markup_mode=None, pretty_exceptions_enable=False, no_args_is_help=True)
 products = typer.Typer(
     help="What lies in the store: list (also without a word), show, verify, prune, pin, unpin, push, pull.",
     rich_markup_mode=None,
 )
 app.add_typer(products, name="products")
+
+
+def command_of(group, name=None):
+    """Decorator that makes a function a command; its parameters are those of `ARGUMENTS` with their names."""
+
+    def decorate(body):
+        own = ARGUMENTS.get(body.__name__, {})
+        made = [
+            argument(one, ARGUMENTS["common"].get(one, {}) | own.get(one, {})) for one in signature(body).parameters
+        ]
+        body.__signature__ = Signature(made)
+        return group.command(name)(body)
+
+    return decorate
+
+
+def argument(name, stated):
+    """Parameter of a command as typer takes it: an option if a flag is stated, else an argument by its place."""
+    about = {key: FUNCTIONS.get(value, value) if isinstance(value, str) else value for key, value in stated.items()}
+    kind, flag, required = TYPES[about.pop("type", "text")], about.pop("flag", None), about.pop("required", False)
+    default = about.pop("default", False if kind is bool else None)
+    if "help" in about:
+        about["help"] = about["help"].replace("{kinds}", KINDS)
+    made = typer.Option(flag, **about) if flag else typer.Argument(**about)
+    annotation = Annotated[kind if required or default is not None else kind | None, made]
+    return Parameter(name, Parameter.KEYWORD_ONLY, default=... if required else default, annotation=annotation)
 
 
 @contextlib.contextmanager
@@ -226,20 +153,8 @@ def _prepared(calibration, event, data, satellite, date, settings, model, as_, j
         return source, configurations.record(chosen)
 
 
-@app.command()
-def run(
-    calibration: Calibration,
-    event: EventName = None,
-    data: Data = None,
-    satellite: Satellite = None,
-    date: Date = None,
-    settings: Settings = None,
-    model: Model = None,
-    as_: As = None,
-    json: Json = None,
-    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
-    engine: Engine = "prefect",
-) -> None:
+@command_of(app)
+def run(calibration, event, data, satellite, date, settings, model, as_, json, engine) -> None:
     """Calibrate one event; what is in the store already is reused. With --set or --model: an experiment beside it."""
     source, chosen = _prepared(calibration, event, data, satellite, date, settings, model, as_, json)
     with _failures(calibration, source, json, chosen.configuration):
@@ -249,39 +164,16 @@ def run(
     raise typer.Exit(command.EXIT[document["status"]])
 
 
-@app.command()
-def plan(
-    calibration: Calibration,
-    event: EventName = None,
-    data: Data = None,
-    satellite: Satellite = None,
-    date: Date = None,
-    settings: Settings = None,
-    model: Model = None,
-    as_: As = None,
-    every: Annotated[bool, typer.Option("--all", help="each product, also those that are reused")] = False,
-    json: Json = None,
-    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
-) -> None:
+@command_of(app)
+def plan(calibration, event, data, satellite, date, settings, model, as_, every, json) -> None:
     """Say what a run or campaign would make again, why and how long; without EVENT or folder for all of the store."""
     chosen = command.chosen(calibration, settings, model, as_)
     sources = command.sources(calibration, event, data, satellite, date)
     output.plan(command.plan(calibration, sources, chosen), json, every)
 
 
-@app.command()
-def detect(
-    calibration: Calibration,
-    event: EventName = None,
-    data: Data = None,
-    satellite: Satellite = None,
-    date: Date = None,
-    settings: Settings = None,
-    json: Json = None,
-    save: Annotated[
-        bool, typer.Option("--save", help="store the event in your own catalogue, GRAVCAL_CATALOG")
-    ] = False,
-) -> None:
+@command_of(app)
+def detect(calibration, event, data, satellite, date, settings, json, save) -> None:
     """Find the manoeuvres in the data of an event or folder."""
     chosen = configurations.record(command.chosen(calibration, settings))
     source = command.source(calibration, event, data, satellite, date)
@@ -299,26 +191,11 @@ def detect(
     raise typer.Exit(0 if found else 3)
 
 
-@app.command()
+@command_of(app)
 def discover(
-    calibration: Annotated[str, typer.Argument(metavar="CALIBRATION", help=WHAT, autocompletion=known)],
-    event: EventName = None,
-    data: Data = None,
-    satellite: Satellite = None,
-    date: Date = None,
-    settings: Settings = None,
-    model: Model = None,
-    as_: As = None,
-    limits: Annotated[bool, typer.Option("--limits", help=SHOWN)] = False,
-    joint: Annotated[bool, typer.Option("--joint", help=JOINT)] = False,
-    events: Annotated[str, typer.Option(metavar="EVENT,EVENT", help=THESE)] = "",
-    days: Annotated[str, typer.Option(metavar="DIR,DIR", help=DAYS)] = "",
-    workers: Annotated[int | None, typer.Option(help=WORKERS)] = None,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help=PAGE, callback=writable)] = None,
-    json: Json = None,
-    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
-    engine: Engine = "prefect",
-) -> None:
+    calibration, event, data, satellite, date, settings, model, as_, limits, joint, events, days, workers, out, json,
+    engine,
+) -> None:  # fmt: skip
     """Show what the simulation of an event gets wrong, name the cause, extend the model and measure the gain."""
     calibration = discoveries.ALIASES.get(calibration, calibration)
     if joint or days:
@@ -358,30 +235,14 @@ def _joint(calibration, satellite, data, given, events, engine, workers, out, js
     output.joint(found, json)
 
 
-@app.command()
-def watch(
-    calibration: Calibration = DEFAULT,
-    satellite: Satellite = ...,
-    data: Data = None,
-    settings: Settings = None,
-    workers: Annotated[int | None, typer.Option(help=WORKERS)] = None,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def watch(calibration, satellite, data, settings, workers, json) -> None:
     """Update the joint model of a satellite with new events, and say what changed beyond its error."""
     _joint(calibration, satellite, data and [data], (settings,), "", "inline", workers, None, json)
 
 
-@app.command()
-def simulate(
-    calibration: Calibration,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="folder for the Level-1 files")],
-    seed: Seed = 1,
-    truth: Annotated[Path | None, typer.Option(metavar="FILE", help="where to write the truth")] = None,
-    effect: Effects = None,
-    settings: Settings = None,
-    planned: Annotated[str | None, typer.Option("--design", metavar="NAME|FILE", help=FLOWN)] = None,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def simulate(calibration, out, seed, truth, effect, settings, planned, json) -> None:
     """Write the Level-1 files of an invented event; the truth goes to a file of its own that no run reads."""
     settings = [*(settings or []), *([f"design={planned}"] if planned else [])]
     made = command.simulate(calibration, out, (seed, truth), effect, settings)
@@ -397,18 +258,8 @@ def simulate(
         output.say(f"calibrate: {run}")
 
 
-@app.command()
-def design(
-    calibration: Calibration,
-    satellite: Annotated[str, typer.Option(metavar=LETTERS)] = ...,
-    date: Date = ...,
-    separate: Annotated[str, typer.Option(metavar="CAUSE,CAUSE", help=APART)] = "",
-    budget: Annotated[float | None, typer.Option(metavar="MINUTES", help=BUDGET)] = None,
-    constraints: Annotated[Path | None, typer.Option(metavar="FILE", help=CONSTRAINTS)] = None,
-    verify: Annotated[int, typer.Option(metavar="N", min=0, help=VERIFY)] = 0,
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="plan.toml and design.json")] = None,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def design(calibration, satellite, date, separate, budget, constraints, verify, out, json) -> None:
     """Propose the manoeuvres of the next session: those that make the result best known and causes separable."""
     command.check_satellite(calibration, satellite, command.record(calibration).satellites)
     causes = [one.strip() for one in separate.split(",") if one.strip()]
@@ -419,13 +270,8 @@ def design(
     output.design(document, out, json)
 
 
-@app.command()
-def demo(
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="keep the Level-1 files here")] = None,
-    seed: Seed = 1,
-    engine: Engine = "prefect",
-    json: Json = None,
-) -> None:
+@command_of(app)
+def demo(out, seed, engine, json) -> None:
     """Simulate a calibration day, process it as if it were measured, and print estimate beside truth."""
     folder = out or location.folder() / "demo" / f"seed-{seed}"
     first = engine == "prefect" and not (location.folder() / "prefect").exists()  # a first start takes ten seconds
@@ -438,24 +284,16 @@ def demo(
     raise typer.Exit(command.EXIT[document["status"]])
 
 
-@app.command()
-def report(
-    event: Annotated[str, typer.Argument(metavar="EVENT", help=LAST, autocompletion=complete_events)],
-    out: Annotated[Path | None, typer.Option(metavar="DIR", help="copy the report's files here")] = None,
-    as_: Annotated[str | None, typer.Option("--as", metavar="NAME", help="of this experiment")] = None,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def report(event, out, as_, json) -> None:
     """Say where the last report of an event is, or copy it."""
     files = [str(path) for path in command.report_files(event, out, as_)]
     if output.delivered({"event": event, "files": files}, json):
         output.say("\n".join(files))
 
 
-@app.command()
-def browse(
-    port: Annotated[int, typer.Option(metavar="N", min=0, max=65535, help="0: any that is free")] = 8765,
-    host: Annotated[str, typer.Option(metavar="ADDRESS", help=HOST)] = "127.0.0.1",
-) -> None:
+@command_of(app)
+def browse(port, host) -> None:
     """Show products, plots, comparisons and reports in a web browser; reads only, until it is ended with Ctrl-C."""
     try:
         from gravcal.browse import app
@@ -466,22 +304,9 @@ def browse(
     app.serve(load_all(), app.bound(host, port), host, output.say)
 
 
-@app.command()
+@command_of(app)
 def campaign(
-    calibration: Calibration,
-    satellite: Annotated[str | None, typer.Option(metavar=LETTERS)] = None,
-    data: Annotated[Path | None, typer.Option(metavar="DIR", help=MANY)] = None,
-    settings: Settings = None,
-    model: Model = None,
-    as_: As = None,
-    scheduler: Annotated[str | None, typer.Option(metavar="tls://HOST:PORT")] = None,
-    workers: Annotated[int | None, typer.Option(help=WORKERS)] = None,
-    only_failed: Annotated[bool, typer.Option("--only-failed", help="try again what failed the last time")] = False,
-    search: Annotated[bool, typer.Option("--discover", help="search each event, as gravcal discover does")] = False,
-    limits: Annotated[bool, typer.Option("--limits", help="the same, with the detection limits of each")] = False,
-    remake_versions: RemakeVersions = False,  # noqa: ARG001 - its callback
-    engine: Engine = "prefect",
-    json: Json = None,
+    calibration, satellite, data, settings, model, as_, scheduler, workers, only_failed, search, limits, engine, json
 ) -> None:
     """Calibrate all events of a satellite, in parallel; a failed event is tabulated and stops no other."""
     chosen = command.chosen(calibration, settings, model, as_)
@@ -501,20 +326,8 @@ def campaign(
     raise typer.Exit(campaigns.exit_code(summary))
 
 
-@app.command()
-def fetch(
-    event: Annotated[str | None, typer.Argument(metavar="[EVENT]", help="event of the catalogue")] = None,
-    out: Annotated[Path, typer.Option(metavar="DIR", help="folder for the archives")] = ...,
-    satellite: Annotated[str | None, typer.Option(metavar="C|D|CD|A|B|AB")] = None,
-    date: Date = None,
-    place: Annotated[
-        str, typer.Option("--from", metavar="podaac|isdc|URL", help="isdc needs no login, podaac that of Earthdata")
-    ] = "isdc",
-    part: Annotated[str, typer.Option(metavar="PART,PART", help=PART)] = "noLRI",
-    release: Annotated[str | None, typer.Option(metavar="02|03|04|0201", help="of a day")] = None,
-    dry: Annotated[bool, typer.Option("--dry-run", help="only print the addresses, and where they were read")] = False,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def fetch(event, out, satellite, date, place, part, release, dry, json) -> None:
     """Fetch the daily archives of an event or day; what broke off is resumed, what is there is kept."""
     if (event is None) == (satellite is None or date is None) or (event and (satellite or date)):
         raise typer.BadParameter("give an EVENT of the catalogue, or --satellite and --date")
@@ -538,15 +351,8 @@ def fetch(
         output.table(["archive", "state", "checked by", "bytes"], [list(row.values()) for row in rows])
 
 
-@app.command()
-def reproduce(
-    paper: Annotated[str, typer.Argument(metavar="PAPER", help=PAPER)],
-    out: Annotated[Path, typer.Option(metavar="DIR", help="page, tables, both reports, data, store")] = ...,
-    place: Annotated[str, typer.Option("--from", metavar="podaac|isdc|URL", help="archive of the days")] = "isdc",
-    data: Data = None,
-    simulated: Annotated[bool, typer.Option("--simulated", help="simulated days of the same dates")] = False,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def reproduce(paper, out, place, data, simulated, json) -> None:
     """Process the days of a source paper as printed and as corrected, beside its tables and figures."""
     if paper not in reproductions.papers():
         raise typer.BadParameter(f"no paper {paper!r}; there is {', '.join(reproductions.papers())}")
@@ -560,20 +366,8 @@ def reproduce(
     raise typer.Exit(command.EXIT[document["status"]])
 
 
-@app.command()
-def serve(
-    calibration: Annotated[str, typer.Argument(metavar="[CALIBRATION]", help=KINDS)] = DEFAULT,
-    cron: Annotated[str, typer.Option(metavar="'M H D M W'", help="when to reprocess all, UTC")] = "0 3 * * *",
-    watched: Annotated[Path | None, typer.Option("--watch", metavar="DIR", help="run when new data are here")] = None,
-    every_s: Annotated[float, typer.Option("--every", metavar="SECONDS", min=0.1, help="between two looks")] = 60.0,
-    data: Annotated[Path | None, typer.Option(metavar="DIR", help=SERVED)] = None,
-    satellite: Annotated[str | None, typer.Option(metavar=LETTERS)] = None,
-    settings: Settings = None,
-    workers: Annotated[int | None, typer.Option(help="processes here; 0: one, without Dask")] = None,
-    joint: Annotated[bool, typer.Option("--joint/--no-joint", help=JOINT)] = True,
-    prune_days: Annotated[float, typer.Option("--prune-days", metavar="DAYS", min=0.0, help=PRUNE)] = 30.0,
-    quota_gb: Annotated[float | None, typer.Option("--quota-gb", metavar="GB", min=0.0, help=QUOTA)] = None,
-) -> None:
+@command_of(app)
+def serve(calibration, cron, watched, every_s, data, satellite, settings, workers, joint, prune_days, quota_gb) -> None:
     """Run campaigns by the clock and as data arrive, on a Prefect server of its own, until it is ended."""
     command.chosen(calibration, settings)
     for option, folder in (("--watch", watched), ("--data", data)):
@@ -589,17 +383,11 @@ def serve(
 def without_word(context: typer.Context) -> None:
     """What lies in the store: list (also without a word), show, verify, prune, pin, unpin, push, pull."""
     if context.invoked_subcommand is None:
-        list_products()
+        list_products(event=None, stage=None, as_=None, all_=False, json=None)
 
 
-@products.command("list")
-def list_products(
-    event: Annotated[str | None, typer.Option(help="only this event")] = None,
-    stage: Annotated[str | None, typer.Option(help="only this stage")] = None,
-    as_: Annotated[str | None, typer.Option("--as", metavar="NAME", help="of this experiment or operational")] = None,
-    all_: Annotated[bool, typer.Option("--all", help="also those replaced by newer ones")] = False,
-    json: Json = None,
-) -> None:
+@command_of(products, "list")
+def list_products(event, stage, as_, all_, json) -> None:
     """List the products of the store."""
     found, document = housekeeping.entries(event, stage, newest_only=not all_, configuration=as_), []
     facts = ("key", "digest", "bytes", "seconds", "made", "machine", "stage")
@@ -613,8 +401,8 @@ def list_products(
         output.table(["product", "key", *names, "configuration"], rows)
 
 
-@products.command()
-def show(product: Product, json: Json = None) -> None:
+@command_of(products)
+def show(product, json) -> None:
     """Show what one product holds and how it was made."""
     entry = housekeeping.resolve(product)
     if not output.delivered(entry.record, json):
@@ -634,8 +422,8 @@ def show(product: Product, json: Json = None) -> None:
     output.table(["made", ""], [[name, entry.record.get(name, "")] for name in facts])
 
 
-@products.command()
-def verify(json: Json = None) -> None:
+@command_of(products)
+def verify(json) -> None:
     """Compare every product with its record, bytes and content; exit code 1 if one differs."""
     with output.waiting("verifying"):
         problems = housekeeping.verify()
@@ -648,14 +436,14 @@ def verify(json: Json = None) -> None:
     raise typer.Exit(1 if problems else 0)
 
 
-@products.command()
-def push(url: Url, json: Json = None) -> None:
+@command_of(products)
+def push(url, json) -> None:
     """Copy what is delivered, and all it was made of, to an object store; what is there stays."""
     _copied("pushed to", url, remote.push(url), json)
 
 
-@products.command()
-def pull(url: Url, json: Json = None) -> None:
+@command_of(products)
+def pull(url, json) -> None:
     """Copy the products of an object store here, each compared with its record."""
     _copied("pulled from", url, remote.pull(url), json)
 
@@ -665,16 +453,8 @@ def _copied(what, url, done, json):
         output.say(f"{done[0]} products, {done[1] / 1e6:.1f} MB {what} {url}")
 
 
-@products.command()
-def prune(
-    remove: Annotated[bool, typer.Option("--remove", help="do it; otherwise only say what would go")] = False,
-    older: Annotated[float | None, typer.Option("--older-than-h", help="spare what is younger, hours; 1")] = None,
-    quota: Annotated[
-        float | None, typer.Option("--quota-gb", min=0, help="the oldest, until the store has less")
-    ] = None,
-    configuration: Annotated[str | None, typer.Option("--configuration", metavar="NAME", help=DROPPED)] = None,
-    json: Json = None,
-) -> None:
+@command_of(products)
+def prune(remove, older, quota, configuration, json) -> None:
     """Remove what nothing refers to: products no readable link and no pin leads to, directly or as an input."""
     if configuration == location.OPERATIONAL:
         raise typer.BadParameter("--configuration: the operational one is delivered; expected an experiment's name")
@@ -687,8 +467,8 @@ def prune(
     output.say(housekeeping.said(unused, remove, quota))
 
 
-@products.command()
-def pin(product: Product, json: Json = None) -> None:
+@command_of(products)
+def pin(product, json) -> None:
     """Keep a product and all it was made of, whatever else refers to it."""
     entry = housekeeping.resolve(product)
     housekeeping.pin(entry)
@@ -696,8 +476,8 @@ def pin(product: Product, json: Json = None) -> None:
         output.say(f"{entry.ref.name} {entry.ref.key[:12]} is pinned")
 
 
-@products.command()
-def unpin(product: Product, json: Json = None) -> None:
+@command_of(products)
+def unpin(product, json) -> None:
     """Let a pinned product go like any other."""
     entry = housekeeping.resolve(product)
     was = housekeeping.unpin(entry)
@@ -705,17 +485,13 @@ def unpin(product: Product, json: Json = None) -> None:
         output.say(f"{entry.ref.name} {entry.ref.key[:12]} {'is no longer' if was else 'was not'} pinned")
 
 
-@app.command()
-def history(
-    product: Product,
-    settings: Annotated[bool, typer.Option("--settings", help="with the settings of each")] = False,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def history(product, with_settings, json) -> None:
     """Print everything a product was made of, down to the raw files."""
     node = lineage.tree(housekeeping.resolve(product))
     if output.delivered(node, json):
         heads = ["product or file", "key or digest", "version", "made"]
-        output.table(heads, list(_history_rows(node, 0, set(), settings)))
+        output.table(heads, list(_history_rows(node, 0, set(), with_settings)))
 
 
 def _history_rows(node, depth, seen, settings):
@@ -736,8 +512,8 @@ def _history_rows(node, depth, seen, settings):
         yield from _history_rows(inner, depth + 1, seen, settings)
 
 
-@app.command()
-def rebuild(product: Product, json: Json = None) -> None:
+@command_of(app)
+def rebuild(product, json) -> None:
     """Make a product again from its raw files, in a store of its own, and compare."""
     entry = housekeeping.resolve(product)
     made_of = store.ancestry(entry.ref.key).values()
@@ -750,15 +526,8 @@ def rebuild(product: Product, json: Json = None) -> None:
     raise typer.Exit(0 if outcome["equal"] else 1)
 
 
-@app.command()
-def settings(
-    calibration: Some = None,
-    name: Annotated[
-        str | None, typer.Argument(metavar="[NAME]", help=PARAMETER, autocompletion=complete_configurations)
-    ] = None,
-    forget: Annotated[bool, typer.Option("--forget", help="remove this experiment and its links")] = False,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def settings(calibration, name, forget, json) -> None:
     """Show parameters with value, unit, the stages they reach and reason, and the configurations that were run."""
     if calibration is None:
         found = {one: configurations.operational(one) for one in command.known()}
@@ -820,14 +589,8 @@ def settings(
         output.table(["configuration", "differs from the catalogue in"], rows)
 
 
-@app.command()
-def promote(
-    calibration: Calibration,
-    name: Annotated[str, typer.Argument(metavar="NAME", help=NAMED, autocompletion=complete_configurations)],
-    why: Annotated[str, typer.Option(metavar="TEXT", help="for the journal of promotions")],
-    who: Annotated[str | None, typer.Option(metavar="NAME", help="by default the user")] = None,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def promote(calibration, name, why, who, json) -> None:
     """Make an experiment the operational configuration, or the catalogue again; later plain runs use its settings."""
     command.record(calibration)
     made = configurations.promote(calibration, name, why, who)
@@ -842,15 +605,8 @@ def _promoted(one):
     return f"{one['name']} is operational since {one['when'][:16].replace('T', ' ')} UTC ({one['who']}: {one['why']})"
 
 
-@app.command()
-def compare(
-    calibration: Calibration,
-    first: Annotated[str, typer.Argument(metavar="A", help=COMPARED, autocompletion=complete_configurations)],
-    second: Annotated[str, typer.Argument(metavar="B", help=COMPARED, autocompletion=complete_configurations)],
-    satellite: Annotated[str | None, typer.Option(metavar=LETTERS, help="only its events")] = None,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="page to write", callback=writable)] = None,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def compare(calibration, first, second, satellite, out, json) -> None:
     """Say what changes between two configurations, for every event that both have: values, verdicts, checks."""
     document = command.compare(calibration, first, second, satellite)
     output.write_json(document, json)
@@ -870,13 +626,8 @@ def compare(
         output.say(str(out))
 
 
-@app.command()
-def export(
-    event: Annotated[str, typer.Argument(metavar="EVENT", help="event with a report", autocompletion=complete_events)],
-    out: Annotated[Path | None, typer.Option(metavar="DIR|FILE.zip", help="EVENT.zip if not given")] = None,
-    as_: Annotated[str | None, typer.Option("--as", metavar="NAME", help="of this experiment")] = None,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def export(event, out, as_, json) -> None:
     """Put reports, documents, models, products, provenance and citation of an event into one folder or zip."""
     out = out or Path(f"{event}{f'-{as_}' if as_ else ''}.zip")
     files = exports.export(event, out, as_)
@@ -884,12 +635,8 @@ def export(
         output.say(f"{len(files)} files in {out}; CITATION.cff says what to cite")
 
 
-@app.command()
-def results(
-    calibration: Some = None,
-    out: Annotated[Path | None, typer.Option(metavar="FILE", help="CSV to write", callback=writable)] = None,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def results(calibration, out, json) -> None:
     """List all delivered values with their errors; as CSV or JSON with links to report, document and product."""
     chosen = {calibration: command.record(calibration)} if calibration else load_all()
     rows = timeline.delivered(chosen, lambda entry, name: (entry.ref.folder / name).as_uri())
@@ -900,13 +647,8 @@ def results(
         output.named(said, "event", "calibration", "status", "quantity", "value", "unit")
 
 
-@app.command()
-def events(
-    calibration: Some = None,
-    sequence: Annotated[Path | None, typer.Option("--from", metavar="FILE", help=SEQUENCE)] = None,
-    save: Annotated[bool, typer.Option("--save", help="of --from: into your own catalogue, GRAVCAL_CATALOG")] = False,
-    json: Json = None,
-) -> None:
+@command_of(app)
+def events(calibration, sequence, save, json) -> None:
     """List the events of the catalogue and whether their files are at hand in GRAVCAL_DATA, or those of a file."""
     if sequence is not None:
         document = command.sequence(sequence, save=save)
@@ -928,8 +670,8 @@ def events(
         output.named(rows, "event", "calibration", "date", "files")
 
 
-@app.command()
-def effects(json: Json = None) -> None:
+@command_of(app)
+def effects(json) -> None:
     """List the effects that a simulation can hide, an estimator fit and discovery name."""
     entries = [
         {
@@ -949,13 +691,8 @@ def effects(json: Json = None) -> None:
         output.table(["effect", "acts on", "parameters"], rows)
 
 
-@app.command()
-def series(
-    calibration: Calibration,
-    satellite: Annotated[str | None, typer.Option(metavar=LETTERS, help="whose events; all if not given")] = None,
-    out: Annotated[Path, typer.Option(metavar="FILE", help="page to write", callback=writable)] = Path("series.html"),
-    json: Json = None,
-) -> None:
+@command_of(app)
+def series(calibration, satellite, out, json) -> None:
     """Results of all events over the years, beside the published ones; for com_offset with the mass trims."""
     one, rows = command.record(calibration), []
     command.check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])

@@ -213,11 +213,6 @@ class Planner:
         return ref
 
 
-def remake_versions(wanted):
-    """Let products that other versions of numpy, scipy or numba made be made again from now on, or not; also below."""
-    os.environ[history.REMAKE] = "1" if wanted else "0"
-
-
 def warn(message):
     """One line on standard error."""
     sys.stderr.write(f"gravcal: {message}\n")

@@ -47,7 +47,7 @@ def other_versions_said(reasons):
     """Sentence on the products of other versions that are reused, "" where there are none."""
     counts = collections.Counter(reasons)
     said = "; ".join(f"{count} {reason}" for reason, count in counts.items())
-    return f"products reused: {said}. --remake-versions makes them again." if said else ""
+    return f"products reused: {said}. {REMAKE}=1 makes them again." if said else ""
 
 
 def remakes_versions():

@@ -66,7 +66,7 @@ def products():
 
 
 def test_a_campaign_says_and_makes_again_what_other_versions_made(environment, events, monkeypatch):
-    """Contract: rows name them; with the flag worker processes make them again; then there is nothing to say."""
+    """Contract: rows name them; with the setting worker processes make them again; then there is nothing to say."""
     here = keys.versions()
     with monkeypatch.context() as patched:
         patched.setattr(keys, "versions", lambda: here | {"scipy": "0.1"})
@@ -75,7 +75,7 @@ def test_a_campaign_says_and_makes_again_what_other_versions_made(environment, e
     said = [f"made by scipy 0.1, here {here['scipy']}"] * 2
     _, summary = campaign(environment, events, "--engine", "inline")
     assert [(row["made"], row["other_versions"]) for row in summary["events"]] == 4 * [(0, said)]
-    _, summary = campaign(environment, events, "--engine", "inline", "--remake-versions")
+    _, summary = campaign(environment | {"GRAVCAL_REMAKE_VERSIONS": "1"}, events, "--engine", "inline")
     assert [(row["made"], row.get("other_versions")) for row in summary["events"]] == 4 * [(2, None)]
     _, summary = campaign(environment, events, "--engine", "inline")
     assert [(row["made"], row.get("other_versions")) for row in summary["events"]] == 4 * [(0, None)]

@@ -51,8 +51,6 @@ def test_exit_codes_tell_what_happened(fakecal, capsys, monkeypatch, store_folde
     document = command.failed("c", "e", given)  # what JSON cannot hold becomes text or null
     assert document["error"]["facts"] == {"good": 1.5, "day": "2020-02-01", "nan": None}
     json.dumps(document, allow_nan=False)
-    monkeypatch.setenv("GRAVCAL_REMAKE_VERSIONS", "0")  # as it was, after the test
-    assert gravcal("plan", "fakecal", "--data", fakecal, "--remake-versions") == 0
     monkeypatch.setattr(command, "chosen", lambda *_: 1 / 0)
     assert gravcal("run", "fakecal", "--data", fakecal) == 1
     said = capsys.readouterr().err

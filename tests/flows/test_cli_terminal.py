@@ -13,7 +13,7 @@ from typer.main import get_command
 from typer.testing import CliRunner
 
 from flows import campaign, cli, engine, output
-from gravcal.store import configurations, results
+from gravcal.store import results
 
 GRAVCAL = (sys.executable, "-c", "from flows.cli import main; main()")
 WITHOUT_DOCUMENT = {"browse", "serve"}  # they go on until they are ended
@@ -89,13 +89,12 @@ def said_here(*words):
 
 
 def test_completion_offers_what_exists_and_every_command_gives_json(pipeline):
-    """Contract: a script for each shell, calibrations, events, products; --json on all that end by themselves."""
+    """Contract: a script for each shell, calibrations, events; --json on all that end by themselves."""
     for shell in ("zsh", "fish"):
         said = piped(["--show-completion", shell], _TYPER_COMPLETE_TEST_DISABLE_SHELL_DETECTION="1")
         assert f"complete_{shell}" in said
     pipeline.run()
     assert {"fake-1", "grace-c-2020-02-01"} <= set(cli.complete_events())
-    assert f"fake-1/{pipeline.name}.join" in cli.complete_products()
     known = dict(commands(get_command(cli.app)))
     without = {name for name, one in known.items() if "--json" not in {o for p in one.params for o in p.opts}}
     assert without == WITHOUT_DOCUMENT
@@ -116,15 +115,12 @@ COMPLETED = {
     "run com_offset --set noise_order = 3 --set low": "lowpass_hz=",  # bash divides words at "="
     "run com_offset --engine in": "inline",
     "simulate com_offset --out there --effect torque.sat": "torque.saturation.limit=",
-    "run com_offset --as sl": "slower",
-    "settings com_offset lowp": "lowpass_hz",
     "events kb": "kbr_phase_centre",
 }
 
 
 def test_a_real_bash_completes(tmp_path):
     """Contract: the script that a user installs, sourced in bash, for lines typed so far."""
-    configurations.record(configurations.chosen("com_offset", {"noise_order": 25}, "slower"))
     command = tmp_path / "gravcal"
     command.write_text(f"#!{sys.executable}\nfrom flows.cli import main\n\nmain()\n")
     command.chmod(0o755)

@@ -208,7 +208,7 @@ def test_history_and_rebuild_reach_every_product(name, level_one, monkeypatch):
     for entry in known.values():
         printed = io.StringIO()
         with redirect_stdout(printed):
-            cli.history(entry.ref.name)
+            cli.history(entry.ref.name, with_settings=False, json=None)
         raw = str(level_one / name)
         assert raw in printed.getvalue() or entry.ref.kind == "gradient_torque.field"  # from a file of the package
     seen, forgotten = watching(monkeypatch)

@@ -115,7 +115,7 @@ def test_products_of_other_versions_are_said_and_made_again_when_wanted(pipeline
     arguments, said = (pipeline.file(), pipeline.chosen), f"made by {library} 0.1, here {here[library]}"
     assert set(plan(pipeline).values()) == {("reuse", said)}
     assert engine.run(pipeline.module("flow").calibrate, *arguments, engine="inline") == ref
-    assert f"products reused: 4 {said}. --remake-versions" in capsys.readouterr().err.replace("\n", " ")
+    assert f"products reused: 4 {said}. GRAVCAL_REMAKE_VERSIONS=1" in capsys.readouterr().err.replace("\n", " ")
     stages = history.last_run("fake-1", pipeline.name)["stages"].values()
     assert [one["other_versions"] for one in stages] == 4 * [[said]]
     monkeypatch.setenv("GRAVCAL_REMAKE_VERSIONS", "1")
