@@ -144,7 +144,6 @@ class Calibration:
     information: Callable | None = None  #: products of `Discovery` -> (k, p, p) SI of each manoeuvre, beside `library`
     #: in place of `library` where manoeuvres are not chosen one by one: limits, s -> whole sessions, as lists of tables
     sessions: Callable | None = None
-    limits: Mapping[str, tuple] = field(default_factory=dict)  #: {limit of a design: usual value, what it is}
     noise: tuple[str, ...] = ()  #: products of an event from which its noise is known, and
     #: settings of the simulation, of the calibration, these products -> those settings that hold the noise
     measured_noise: Callable | None = None

@@ -25,15 +25,6 @@ SHOWN = 6  # values of an event that a table shows; all of them are in the summa
 ROWS = 1000  # rows of a table that a page can show
 TASKS = 1000  # of Prefect, each with rows of its database; of more events several are one task
 
-#: Dask looks at itself all the time, a sixth of a core with two workers; here nobody looks at what it finds.
-WORKERS = {
-    "DASK_DISTRIBUTED__WORKER__PROFILE__ENABLED": "false",
-    "DASK_DISTRIBUTED__WORKER__MEMORY__MONITOR_INTERVAL": "1s",  # of 100 ms; an event does not fill the memory in that
-    "DASK_DISTRIBUTED__ADMIN__TICK__INTERVAL": "1s",  # of 20 ms
-    "DASK_DISTRIBUTED__ADMIN__SYSTEM_MONITOR__INTERVAL": "5s",  # of 500 ms
-    "DASK_DISTRIBUTED__ADMIN__LOW_LEVEL_LOG_LENGTH": "100",  # of 1,000, each with the arguments of a task: 25 MB
-}
-
 
 @dataclass(frozen=True)
 class Campaign:
@@ -193,7 +184,7 @@ def _effort(made, reused, started):
 @contextlib.contextmanager
 def cluster(campaign, count):
     """Client of the cluster named, or of so many worker processes of this machine, one thread each."""
-    for name, value in WORKERS.items():
+    for name, value in server.DASK.items():
         os.environ.setdefault(name, value)
     from distributed import Client, LocalCluster
 

@@ -22,19 +22,6 @@ PRODUCTS = {
     "clk": ("CLK1B",),
 }
 
-#: Of a design, with what they are.
-LIMITS = {
-    "rods": (["x", "y", "z"], "rods that may be driven"),
-    "latitude_deg": ([-85.0, 85.0], "south and north end of where manoeuvres may be"),
-    "duration_s": (180.0, "length of a manoeuvre"),
-    "period_s": ([12.0], "periods of the square wave to choose from, one for a session; detection looks for it"),
-    "current_ma": ([110.0, 55.0], "amplitudes of the square wave; the lower ones for causes that bend with it"),
-    "spacing_s": (1100.0, "shortest time between two starts; the quiet pieces on both sides need 1020"),
-    "windows": ("", "times of the day in which manoeuvres may be, such as '02:10-04:00, 05:40-07:15'; empty: all"),
-    "most": (99, "manoeuvres with one rod in one belt of latitude"),
-    "probability": (0.9, "with which a pair of causes is to be told apart"),
-}
-
 
 @flow(name="com_offset")
 def calibrate(source, chosen):
@@ -174,7 +161,6 @@ CALIBRATION = Calibration(
     design="com_offset_session",
     room=lambda *about: importlib.import_module(SIMULATION).room(*about),
     library=lambda *about: importlib.import_module(SIMULATION).library(*about),
-    limits=LIMITS,
     noise=("com_offset.noise",),
     measured_noise=lambda *about: importlib.import_module(SIMULATION).measured_noise(*about),
     information=lambda products: products["solve"]["information"].values,

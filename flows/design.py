@@ -36,11 +36,12 @@ ROOM = 0.9
 
 def constraints(name, path=None):
     """Limits of the designs of a calibration {limit: value}, those of a TOML file before the usual ones."""
-    given, known = catalog.read_file(path)[1] if path else {}, calibrations.load(name).limits
+    file, given = f"design_{name}", catalog.read_file(path)[1] if path else {}
+    known = catalog.parameters(file).entries if file in catalog.names("parameters") else {}
     for limit in given:
         if limit not in known:
             refuse(path, f"the constraint {limit!r}", f"one of {', '.join(known)}", "Correct the name.")
-    return {limit: given.get(limit, usual) for limit, (usual, _) in known.items()}
+    return {n: list(e.value) if isinstance(e.value, tuple) else e.value for n, e in known.items()} | given
 
 
 def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, verify=0, out=None, say=lambda _: None):

@@ -12,15 +12,6 @@ from tasks.stage import lazy, read
 simulator = lazy("gravcal.simulation.inertial_sensor")
 daily = lazy("gravcal.io.daily")
 
-#: Of the design of a swing, with what they are.
-LIMITS = {
-    "axes": (2, "that are driven at once"),
-    "rate_rad_s": (1e-4, "largest amplitude of the rate, as printed"),
-    "rate_dot_rad_s2": (1.6e-5, "largest angular acceleration, that of 1e-4 rad/s in 25 s"),
-    "period_s": ([20.0, 27.5, 40.0], "periods to choose from"),
-    "parameters": ([], "values that are to be best known, such as 'k y'; none: all"),
-    "probability": (0.9, "with which a pair of causes is to be told apart"),
-}
 GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electrode_arm"}
 
 
@@ -234,7 +225,6 @@ CALIBRATION = Calibration(
     },
     design="inertial_sensor_swing",
     sessions=lambda limits, seconds: simulator.sessions(limits, seconds),
-    limits=LIMITS,
     noise=("inertial_sensor.scale", "inertial_sensor.offset"),
     measured_noise=lambda *about: simulator.measured_noise(*about),
     foretold=foretold,

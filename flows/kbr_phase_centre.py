@@ -22,16 +22,6 @@ COMMON = {pair: letter for letter, pair in PAIRS.items()}
 #: Level-1 products read, most wanted first.
 RANGING = ("KBR1B", "LRI1B")
 ORBIT = ("GNI1B", "GNV1B")
-#: Of a design, with what they are.
-LIMITS = {
-    "angle_deg": (3.0, "largest angle from the line of sight, offset and amplitude together; as printed"),
-    "rate_deg_s": (0.043, "largest rate; GRACE's 1.7 deg in 250 s"),
-    "period_s": ([250.0], "periods of the wiggle to choose from; detection looks for that of the session"),
-    "quiet_s": (6600.0, "shortest time between the end of a piece and the next"),
-    "windows": ("", "times of the day in which pieces may be, such as '02:10-04:00, 05:40-07:15'; empty: all"),
-    "parameters": ([], "values that are to be best known, such as 'C x'; none: all"),
-    "probability": (0.9, "with which a pair of causes is to be told apart"),
-}
 
 
 @flow(name="kbr_phase_centre")
@@ -231,7 +221,6 @@ CALIBRATION = Calibration(
     printed={"vkb1b": results.printed_vector("mm")},
     design="kbr_wiggle",
     sessions=lambda limits, seconds: simulator.sessions(limits, seconds),
-    limits=LIMITS,
     noise=("kbr_phase_centre.noise",),
     measured_noise=lambda *about: simulator.measured_noise(*about),
     foretold=values,

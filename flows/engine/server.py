@@ -19,6 +19,7 @@ import socket
 import subprocess
 import sys
 import time
+import tomllib
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -38,7 +39,6 @@ RUNS = {  # fields of a deployment that say what its runs do
 }  # fmt: skip
 LOG_LIMIT = 1_000_000  # bytes of server.log; as many again are kept in server.log.1
 
-DAY_S = 86400
 ENTER = """<!DOCTYPE html><title>gravcal</title>
 <script>localStorage.setItem("prefect-password", location.hash.slice(1)); location.replace("/")</script>
 """  # hands the authentication string to Prefect's page; what follows "#" never leaves the browser
@@ -47,21 +47,8 @@ OPEN = """<!DOCTYPE html><title>gravcal</title><meta http-equiv="refresh" conten
 """
 ENDED = ["COMPLETED", "FAILED", "CRASHED", "CANCELLED"]
 BEGUN = ["RUNNING", "PENDING", "CANCELLING"]
-SETTINGS = {
-    "DO_NOT_TRACK": "1",
-    "PREFECT_SERVER_ANALYTICS_ENABLED": "false",
-    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_READ_BATCH_SIZE": "50",
-    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_BATCH_SIZE": "50",
-    "PREFECT_SERVER_SERVICES_TASK_RUN_RECORDER_FLUSH_INTERVAL": "1",
-    "PREFECT_LOGGING_LEVEL": "CRITICAL",
-    "PREFECT_LOGGING_INTERNAL_LEVEL": "CRITICAL",
-    "PREFECT_LOGGING_TO_API_ENABLED": "false",
-    "PREFECT_SERVER_LOGGING_LEVEL": "ERROR",
-    "PREFECT_SERVER_SERVICES_DB_VACUUM_ENABLED": "events,flow_runs",
-    "PREFECT_SERVER_SERVICES_DB_VACUUM_RETENTION_PERIOD": str(30 * DAY_S),  # of runs, with their tasks and tables
-    "DASK_LOGGING__DISTRIBUTED": "error",
-    "HDF5_USE_FILE_LOCKING": "BEST_EFFORT",
-}
+#: Environment of Prefect and of Dask.
+SETTINGS, DASK = tomllib.loads(Path(__file__).with_name("settings.toml").read_text(encoding="utf-8")).values()
 
 
 class Unavailable(Exception):

@@ -5,6 +5,7 @@ Their headers have the real field names, and words that say that the file is sim
 
 import gzip
 import io
+import tomllib
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -20,7 +21,8 @@ from gravcal.io.readers import BITS, FLOATS, INTEGERS, KNOWN_TIMES, TICKS, Produ
 EPOCH = np.datetime64("2000-01-01T12:00:00", "ns")
 LEVELS = {"A": "1A", "B": "1B"}
 TOGETHER = {"X": "GRACE A+B", "Y": "GRACE C+D"}
-LINES = 23  # of an 80-column header before its end
+HEADERS = tomllib.loads(Path(__file__).with_name("headers.toml").read_text(encoding="utf-8"))
+LINES = len(HEADERS["label"])  # of an 80-column header before its end
 GIVE = "Give it, or choose another product."
 
 
@@ -52,21 +54,13 @@ def write(observed, path, product=None, satellite=None) -> Path:
     ticks = values[table.time[0]].astype(int) * TICKS["s"]
     if len(table.time) > 1:
         ticks = ticks + values[table.time[1]].astype(int) * TICKS[table.column(table.time[1]).units]
-    platform = TOGETHER.get(satellite, f"GRACE {satellite}")
+    words = {"table": table, "path": path, "platform": TOGETHER.get(satellite, f"GRACE {satellite}")}
+    words["level"] = LEVELS.get(table.name[-1], "1B")
     if table.header == "label" or table.mission == "GRACE":
-        about = {
-            "PRODUCER INSTITUTION": BY,
-            "SOFTWARE VERSION": BY,
-            "REFERENCE DOCUMENTATION": "none, simulated data",
-            "SATELLITE NAME": platform,
-            "SENSOR NAME": table.instrument,
-            "FILENAME": path.name,
-            "PROCESS LEVEL (1A OR 1B)": LEVELS.get(table.name[-1], "1B"),
-            "INPUT FILE NAME": "none",
-        }
-        header = label_header(table.file_type or f"ip{table.name}F            : 0", ticks, len(body), about)
+        kind, about = table.file_type or f"ip{table.name}F            : 0", _filled("simulated", **words)
+        header = label_header(kind, ticks, len(body), about)
     else:
-        header = _yaml(table, platform, ticks)
+        header = _yaml(table, ticks, _filled("attributes", **words))
     text = header.encode() + body
     path.write_bytes(gzip.compress(text, 1, mtime=0) if path.name.endswith(".gz") else text)
     return path
@@ -158,26 +152,15 @@ def _printable(array, column):
     return polars.Series(texts).gather(places)
 
 
-def _yaml(table, platform, ticks):
+def _filled(part, **words):
+    """Lines of a header by label, as `HEADERS` has them, with the words filled in."""
+    lines = HEADERS[part].items()
+    return {n.format(**words): v.format(by=BY, **words) if isinstance(v, str) else v for n, v in lines}
+
+
+def _yaml(table, ticks, attributes):
     edges = [("start", ticks[0]), ("stop", ticks[-1])] if len(ticks) else []
-    attributes = {
-        "conventions": "CF-1.6, ACDD-1.3, ISO 8601",
-        "creator_institution": "gravcal",
-        "creator_name": BY,
-        "history": [],
-        "institution": "gravcal",
-        "instrument": table.instrument,
-        "keywords": f"GRACE-FO, {table.instrument}, simulation",
-        "platform": platform,
-        "processing_level": LEVELS.get(table.name[-1], "1B"),
-        "product_version": "04",
-        "program": "none, simulated data",
-        "project": "none, simulated data",
-        "source": f"{BY}, {table.source} of {platform}",
-        "summary": table.summary,
-        **{f"time_coverage_{edge}": _date(tick).item() for edge, tick in edges},
-        "title": table.title,
-    }
+    attributes |= {f"time_coverage_{edge}": _date(tick).item() for edge, tick in edges} | {"title": table.title}
     others = {"epoch_time": _date(0).item(), "software_version": BY}
     others |= {f"{edge}_time_epoch_secs": float(tick / 1e9) for edge, tick in edges}
     swapped = dict(zip(table.swapped_in_header, reversed(table.swapped_in_header), strict=True))
@@ -226,31 +209,7 @@ def label_header(kind: str, ticks: np.ndarray, size: int, about: Mapping[str, st
     """
     label, _, number = (part.strip() for part in kind.partition(":"))
     edges = [f"{t / 1e9:.6f} ({str(_date(t))[:22].replace('T', ' ')})" for t in (ticks[[0, -1]] if len(ticks) else ())]
-    first, last = edges or ("", "")
-    entries = {
-        "PRODUCER AGENCY": "gravcal",
-        "PRODUCER INSTITUTION": "gravcal",
-        f"FILE TYPE {label}": number,
-        "FILE FORMAT 0=BINARY 1=ASCII": "1",
-        "NUMBER OF HEADER RECORDS": str(LINES),
-        "SOFTWARE VERSION": "gravcal",
-        "SOFTWARE BUILD TIME": "",
-        "REFERENCE DOCUMENTATION": "",
-        "SATELLITE NAME": "",
-        "SENSOR NAME": "",
-        "TIME EPOCH (GPS TIME)": "2000-01-01 12:00:00",
-        "TIME FIRST OBS(SEC PAST EPOCH)": first,
-        "TIME LAST OBS(SEC PAST EPOCH)": last,
-        "NUMBER OF DATA RECORDS": str(len(ticks)),
-        "PRODUCT CREATE START TIME(UTC)": "",
-        "PRODUCT CREATE END TIME(UTC)": "",
-        "FILESIZE (BYTES)": str(81 * (LINES + 1) + size),
-        "FILENAME": "",
-        "PROCESS LEVEL (1A OR 1B)": "",
-        "INPUT FILE NAME": "",
-        "INPUT FILE CREATION TIME (UTC)": "",
-        "INPUT FILE SOFTWARE VERSION": "",
-        "INPUT FILE BUILDTIME TAG": "",
-    } | about
+    words = {"label": label, "number": number, "lines": LINES, "records": len(ticks), "size": 81 * (LINES + 1) + size}
+    entries = _filled("label", **words, **dict(zip(("first", "last"), edges or ("", ""), strict=True))) | about
     lines = [f"{label:<30}: {value}"[:80].ljust(80) for label, value in entries.items()]
     return "\n".join([*lines, "END OF HEADER".ljust(80)]) + "\n"

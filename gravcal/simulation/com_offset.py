@@ -13,20 +13,13 @@ from gravcal.physics import constants, dynamics, earth, frames, gravity
 from gravcal.simulation import added as contributed
 from gravcal.simulation import flight, of_channels, sensors, within
 
-#: Areas of the manoeuvres (CoM paper, Table 3) and the rod that makes them (erratum C-8).
-AREAS = {
-    "pitch_low": {"lat_min": 10, "lat_max": 20, "lon_min": -55, "lon_max": -35},
-    "yaw_low": {"lat_min": 10, "lat_max": 20, "lon_min": 120, "lon_max": 140},
-    "pitch_high": {"lat_min": 60, "lat_max": 80},
-    "roll_high": {"lat_min": 60, "lat_max": 80},
-}
+PUBLISHED = "com_offset_session"  # design of the session that was flown, with areas and rods
 #: Channels of effects that turn the body, and sub-steps over which their contributions are averaged.
 EXTRA, PARTS = ("dipole_b", "torque_b"), 8
 READ = {*EXTRA, "linear_b", "angular_b", "pointing_b", "field_b", "acc_delay", "sca_delay", "mag_delay"}
 #: Flown before and after what is written, so that readings with late or early tags exist.
 LEAD_S = 5.0
 ORBITS = 10  # that are drawn to see whether a plan finds its times
-RODS = {"pitch_low": 2, "yaw_low": 1, "pitch_high": 0, "roll_high": 1}
 
 
 @dataclass(frozen=True)
@@ -45,22 +38,26 @@ class Planned:
 def plan(chosen, full_scale: float) -> list[Planned]:
     """Manoeuvres of the settings, or of their design; full_scale in mA."""
     if not chosen.design:
-        usual = chosen.manoeuvre_s, chosen.manoeuvre_current_share
-        return [
-            Planned(k.split("_")[0], k, AREAS[k], RODS[k], *usual, list(AREAS).index(k)) for k in chosen.manoeuvres if k
-        ]
+        usual, flown = (chosen.manoeuvre_s, chosen.manoeuvre_current_share), catalog.design(PUBLISHED).manoeuvres
+        flown = sorted(flown, key=lambda one: one.facts["latitude_class"], reverse=True)
+        named = {f"{one.kind}_{one.facts['latitude_class']}": (one, item) for item, one in enumerate(flown)}
+        return [_planned(*named[name], name, *usual) for name in chosen.manoeuvres if name]
     made = []
     for item, one in enumerate(catalog.design(chosen.design).manoeuvres):
         if one.period_s != chosen.manoeuvre_period_s or one.facts.get("rod") not in ("x", "y", "z"):
             found = f"a {one.kind} of {one.period_s} s with rod {one.facts.get('rod')!r}"
             expected = f"one of {chosen.manoeuvre_period_s} s, as manoeuvre_period_s has it, with rod x, y or z"
             refuse(f"design {chosen.design}", found, expected, "Correct the design.", CatalogError)
-        area = dict(zip(("lat_min", "lat_max"), one.facts["latitude_deg"], strict=True))
-        area |= dict(zip(("lon_min", "lon_max"), one.facts.get("longitude_deg", ()), strict=False))
         share = one.facts.get("current_ma", full_scale) / full_scale
         name = "{}_{:.0f}_{:.0f}".format(one.kind, *one.facts["latitude_deg"])
-        made += [Planned(one.kind, name, area, "xyz".index(one.facts["rod"]), one.duration_s, share, item)] * one.count
+        made += [_planned(one, item, name, one.duration_s, share)] * one.count
     return made
+
+
+def _planned(one, item, name, duration, share):
+    area = dict(zip(("lat_min", "lat_max"), one.facts["latitude_deg"], strict=True))
+    area |= dict(zip(("lon_min", "lon_max"), one.facts.get("longitude_deg", ()), strict=False))
+    return Planned(one.kind, name, area, "xyz".index(one.facts["rod"]), duration, share, item)
 
 
 @dataclass(frozen=True)
