@@ -6,6 +6,7 @@ starts. Nothing here imports Prefect before it is wanted: workers import this mo
 
 import collections
 import contextlib
+import itertools
 import os
 import threading
 import time
@@ -16,7 +17,7 @@ from flows import command, discover, engine
 from flows.calibration import Calibration, load
 from flows.engine import server
 from gravcal.errors import GravcalError, refuse
-from gravcal.store import history, keys, location, product, results, schemas
+from gravcal.store import history, keys, location, product, results, schemas, store
 from tasks import stage
 
 #: Status of a campaign: the first of these that any event has.
@@ -100,26 +101,32 @@ def exit_code(summary):
 
 def answered(campaign, source):
     """Row of an event that is refused, whose products are all in the store or that fails as before; else None."""
+    started, event = time.perf_counter(), source.event
     if isinstance(source, command.Refused):
-        return {"event": source.event, "status": source.status, "error": source.error} | _effort(
-            0, 0, time.perf_counter()
-        )
-    one, chosen, started = campaign.one, campaign.chosen, time.perf_counter()
+        return {"event": event, "status": source.status, "error": source.error} | _effort(0, 0, started)
+    one, chosen = campaign.one, campaign.chosen
+    name = one.flow.flow_name
     try:
-        rest = engine.left(one.flow, source, chosen, again=campaign.again)
-        effort = _effort(0, len(rest.found), started)
-        if rest.failure:
-            failed = {"event": source.event, "status": "failed", "error": rest.failure["reason"]}
-            return failed | {"since": rest.failure["started"]} | effort
-        if rest.ref is None:
-            return None
-        with location.configured(chosen.configuration), history.recorded(one.flow.flow_name, rest.ref.event) as note:
-            for call, ref in rest.found:
-                note(call, "cached", ref)
-        return _row(one, rest.ref, note) | effort
+        with location.configured(chosen.configuration):
+            failure = None if campaign.again else history.failure(event, name)
+            if not failure and not location.links(event, location.OPERATIONAL).exists():
+                return None  # never made: its files are read by who makes it
+            steps, ref = engine.plan(one.flow, source, chosen)
+            there = list(itertools.takewhile(lambda step: step.action == "reuse", steps))
+            effort = _effort(0, len(there), started)
+            left = steps[len(there) :]
+            if left and failure and left[0].key and left[0].key == failure["failed_key"]:
+                failed = {"event": event, "status": "failed", "error": failure["reason"]}
+                return failed | {"since": failure["started"]} | effort
+            if left:
+                return None
+            with history.recorded(name, ref.event) as note:
+                for step in there:
+                    store.point(step.ref)
+                    note(step, "cached", step.ref)
+            return _row(one, ref, note) | effort
     except GravcalError as error:  # such as a file that is missing: nothing had to be computed to see it
-        event = source.event
-        noted = history.recorded(one.flow.flow_name, event)
+        noted = history.recorded(name, event)
         with contextlib.suppress(GravcalError), location.configured(chosen.configuration), noted:
             raise error
         return {"event": event, "status": command.status_of(error), "error": str(error)} | _effort(0, 0, started)
@@ -205,7 +212,7 @@ def cluster(campaign, count):
 
 
 def _make_all(campaign, sources, rows, listener):
-    """Fill in the rows of the events that have something to make; workers begin while a server still starts."""
+    """Fill in the rows of the events that have something to make; workers begin while a server starts."""
     folder, gate = str(location.folder()), threading.Lock()
     waiting = {number: source for number, source in enumerate(sources) if rows[number] is None}
 
@@ -222,7 +229,7 @@ def _make_all(campaign, sources, rows, listener):
             as_tasks({number: source}, own) if campaign.engine == "flow" else own(number)
         return None
     count = min(campaign.workers or os.cpu_count() or 1, len(waiting))
-    with server.early(campaign.engine == "prefect") as begun, cluster(campaign, count) as client:
+    with cluster(campaign, count) as client:
         how = {"pure": False, "retries": 2}
         futures = {number: client.submit(make, campaign, one, folder, **how) for number, one in waiting.items()}
 
@@ -248,7 +255,7 @@ def _make_all(campaign, sources, rows, listener):
             return as_tasks(waiting, row_of)
         if campaign.engine == "prefect":
             try:
-                with server.running(begun or server.begin()) as url:
+                with server.running(server.begin()) as url:
                     name = f"campaign {campaign.calibration}"
                     return engine.flow_on(url, events, name, lambda: len(waiting))
             except server.Unavailable as error:

@@ -35,7 +35,6 @@ discoveries = lazy("flows.discover")
 effect_catalogue = lazy("gravcal.effects")
 exports = lazy("flows.export")
 fetching = lazy("gravcal.io.fetch")
-prefect_server = lazy("flows.engine.server")
 remote = lazy("gravcal.store.remote")
 report_history = lazy("gravcal.report.history")
 reproductions = lazy("flows.reproduce")
@@ -274,11 +273,9 @@ def design(calibration, satellite, date, separate, budget, constraints, verify, 
 def demo(out, seed, engine, json) -> None:
     """Simulate a calibration day, process it as if it were measured, and print estimate beside truth."""
     folder = out or location.folder() / "demo" / f"seed-{seed}"
-    first = engine == "prefect" and not (location.folder() / "prefect").exists()  # a first start takes ten seconds
-    with prefect_server.early(first) as begun:
-        truth = command.simulate(DEFAULT, folder, (seed, folder / "truth.json"), None, None)
-        source = command.source(DEFAULT, None, folder, truth["satellite"], truth["date"])
-        ref = command.made(load(DEFAULT).flow, source, command.chosen(DEFAULT, None), engine, begun)
+    truth = command.simulate(DEFAULT, folder, (seed, folder / "truth.json"), None, None)
+    source = command.source(DEFAULT, None, folder, truth["satellite"], truth["date"])
+    ref = command.made(load(DEFAULT).flow, source, command.chosen(DEFAULT, None), engine)
     document = load(DEFAULT).document(ref)
     output.result(document, ref, json, truth)
     raise typer.Exit(command.EXIT[document["status"]])

@@ -107,10 +107,10 @@ def check_folder(calibration, data):
     refuse(data, there, expected, remedy, ProductError if found else NoDataError)
 
 
-def made(body, source, chosen, engine_name, server=None):
+def made(body, source, chosen, engine_name):
     """Product of a flow for one event; a terminal shows the stages done."""
     with output.progress(body.flow_name) as listener:
-        return engine.run(body, source, chosen, engine=engine_name, listener=listener, server=server)
+        return engine.run(body, source, chosen, engine=engine_name, listener=listener)
 
 
 def check_searched(calibration, studies=()):

@@ -42,6 +42,7 @@ class Step:
     action: str
     reasons: tuple[str, ...]
     ref: ProductRef
+    key: str | None = None  #: of the product, None where an input is not there yet
 
 
 class Unknown(GravcalError):
@@ -94,48 +95,10 @@ def plan(body, *arguments):
     return planner.steps, ref
 
 
-@dataclass(frozen=True)
-class Left:
-    """What a flow has left to make."""
-
-    ref: ProductRef | None  #: of the result, None where something is missing
-    found: list  #: (call, ProductRef) of what is there
-    #: record of the last run where it failed at a stage whose inputs, settings and code have not changed
-    failure: dict | None = None
-
-
-def left(body, *arguments, again=False):
-    """What a flow has left to make; nothing is computed."""
-    with location.configured(configuration_of(arguments)):
-        failure = None if again else history.failure(_event(arguments), body.flow_name)
-    found = []
-
-    def look_up(call):
-        """A file of which there never was a product is not read, unless the last run failed: who makes one reads it."""
-        name = call.unmade
-        new = any(keys.is_file(item) for item in call.inputs) and store.newest_record(name.event, name.stage) is None
-        key = None if new and not failure else keys.key(stage.recipe(call)[0])
-        ref = key and stage.usable(key)
-        if not ref:
-            fails = key is not None and failure is not None and key == failure["failed_key"]
-            raise Unknown(f"{name.stage} is to be made", event=call.event, fails=fails)
-        store.point(ref)
-        found.append((call, ref))
-        return ref
-
-    look_up.computes = False
-    with stage.using(look_up):
-        try:
-            ref = body(*arguments)
-        except Unknown as stop:
-            return Left(None, found, failure if stop.facts.get("fails") else None)
-    return Left(None if ref.digest is None else ref, found)
-
-
-def run(body, *arguments, engine="prefect", listener=None, server=None):
+def run(body, *arguments, engine="prefect", listener=None):
     """ProductRef of the result of a flow; Prefect is started only when something has to be made.
 
-    The listener (call, state, ref) hears of each stage done, "cached" or "made"; a server may have been begun already.
+    The listener (call, state, ref) hears of each stage done, "cached" or "made".
     """
     single_threaded()
     steps, ref = plan(body, *arguments)
@@ -155,7 +118,7 @@ def run(body, *arguments, engine="prefect", listener=None, server=None):
 
         if engine == "prefect":
             try:
-                return _through_prefect(body, arguments, heard, server, steps)
+                return _through_prefect(body, arguments, heard, steps)
             except servers.Unavailable as error:
                 warn(f"Prefect's server is not available ({error}); running without it.")
         with stage.using(stage.inline, heard):
@@ -193,7 +156,8 @@ class Planner:
         """Reference of the product: complete if it is there, without key and digest if it would be made."""
         recipe, modules = stage.recipe(call)
         unknown = [item.stage for item in call.inputs if isinstance(item, ProductRef) and item.digest is None]
-        found = None if unknown else store.find(keys.key(recipe))
+        key = None if unknown else keys.key(recipe)
+        found = key and store.find(key)
         other = tuple(history.other_versions(found)) if found else ()
         ref = call.unmade
         if found and not (other and history.remakes_versions()):
@@ -203,7 +167,7 @@ class Planner:
             if unknown and not reasons:
                 action, reasons = "may run", (f"after {', '.join(dict.fromkeys(unknown))}",)
         reasons = reasons or (("made before with another result",) if action == "run" else ())
-        self.steps.append(Step(call.event, call.unmade.stage, action, reasons, ref))
+        self.steps.append(Step(call.event, call.unmade.stage, action, reasons, ref, key))
         return ref
 
     def resolve(self, ref):
@@ -323,7 +287,7 @@ class Submitter:
                 pending.future.result()
 
 
-def _through_prefect(body, arguments, listener, begun, steps):
+def _through_prefect(body, arguments, listener, steps):
     """Result of a flow whose stages are Prefect tasks; Unavailable without a server."""
     engine = Submitter(listener)
 
@@ -338,7 +302,7 @@ def _through_prefect(body, arguments, listener, begun, steps):
             engine.raise_first()
             return engine.resolve(ref)
 
-    begun = begun or servers.begin()
+    begun = servers.begin()
     import prefect  # noqa: F401 - takes seconds, while the server comes up
 
     with servers.running(begun) as url:

@@ -115,7 +115,7 @@ class Server:
 
 
 def begin(port=None):
-    """Start a server without waiting for it, so that it comes up beside other work."""
+    """Start a server without waiting for it, so that it comes up while Prefect is imported."""
     set_environment()
     if os.environ.get("PREFECT_API_URL"):
         return Server(os.environ["PREFECT_API_URL"])
@@ -135,20 +135,6 @@ def begin(port=None):
     except OSError as error:
         raise Unavailable(str(error)) from error
     return Server(f"http://{HOST}:{port}/api", child, gate)
-
-
-@contextlib.contextmanager
-def early(wanted):
-    """Server that comes up beside other work, ended with the block; None if none is wanted or it cannot start."""
-    server = None
-    if wanted:
-        with contextlib.suppress(Unavailable):
-            server = begin()
-    try:
-        yield server
-    finally:
-        if server:
-            end(server)
 
 
 @contextlib.contextmanager

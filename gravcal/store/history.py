@@ -223,11 +223,11 @@ def recorded(flow, event=None, planned=()):
     record |= {"status": "delivered", "started": started, "stages": {}}
     begin = time.perf_counter()
 
-    def listener(call, state, ref):
-        record["event"] = record["event"] or call.event
+    def listener(_call, state, ref):
+        record["event"] = record["event"] or ref.event
         other = other_versions(ref) if state == "cached" else []
         stage = {"state": "reused" if state == "cached" else state, "key": ref.key}
-        record["stages"][call.unmade.stage] = stage | ({"other_versions": other} if other else {})
+        record["stages"][ref.stage] = stage | ({"other_versions": other} if other else {})
 
     listener.stages = record["stages"]
     try:

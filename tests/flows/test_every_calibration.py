@@ -334,7 +334,8 @@ def test_satellites_pairs_and_split_mirrors_are_found(level_one, tmp_path):
         (tree / path.name).symlink_to(path)
     (source,) = command.many_sources("com_offset", None, tmp_path)
     assert source.folder == Path(tmp_path)
-    assert engine.left(command.record("com_offset").flow, source, command.chosen("com_offset", None)).ref
+    steps, _ = engine.plan(command.record("com_offset").flow, source, command.chosen("com_offset", None))
+    assert {step.action for step in steps} == {"reuse"}
 
 
 THROUGH_PREFECT = """
