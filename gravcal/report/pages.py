@@ -1,30 +1,36 @@
 """Pages of the reports: what a calibration declares, drawn and written into one self-contained file.
 
-A calibration's page stands in one module, `gravcal/calibrations/<name>/page.py`: its tables (functions that return a
-`Table`), its figures (functions of datasets that return a matplotlib Figure, None where there is nothing to draw) and
-one function that lists the sections in order::
+A calibration's page stands in one module, `gravcal/calibrations/<name>/page.py`, and what it says in words in a file
+beside it, `page.toml`: captions, heads and notes, labels and places of panels (`Words`). The module holds the rows of
+the tables, what goes into the panels of the figures, and one function that lists the sections in order::
 
-    @figure("field", "align", caption="Measured and modelled.")
-    def field(checked, aligned): ...
+    WORDS = words(__file__, "page.toml")
 
-    def sections(document, published):
-        return [Section("Result", [offsets(document)], notes=["..."]), Section("Field", figures=[field])]
+    @WORDS.figure("field", "align")
+    def field(panels, checked, aligned): ...
+
+    def sections(document):
+        offsets = [[axis, value] for axis, value in zip("xyz", document["offset_um"])]
+        return [Section("Result", [WORDS.table("offsets", offsets)]), Section("Field", figures=[field])]
 
 A figure names products by their stage ("solve.mtq" with the variant; "solve.*" gives all variants, {variant: Dataset}).
-They are the arguments of the figure and the source under it. `page` draws, numbers and traces everything;
-`documents.delivered` judges the result document, and `page.report`, the body of the stage `report`, calls both.
+They are the arguments of the figure and the source under it. `page` draws, numbers and traces everything, `report` is
+the body of the stage `report`: result document, judged, and page. Without a file of words `Table` and `figure` do.
 """
 
 import itertools
+import tomllib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, wraps
 from importlib import resources
+from pathlib import Path
 
 import jinja2
+import numpy as np
 
-from gravcal.report.documents import settings_of
-from gravcal.report.figures import image
+from gravcal.report import documents
+from gravcal.report.figures import BARE, HANN, grid, image
 
 
 @dataclass(frozen=True)
@@ -57,6 +63,61 @@ def figure(*reads: str, caption: str) -> Callable[[Callable], Figure]:
 
 
 @dataclass(frozen=True)
+class Words:
+    """What a page says in words, as its TOML file has it, in tables by name; texts may hold {names} to be filled in."""
+
+    tables: Mapping[str, Mapping]  #: fields of a `Table` but for its rows; of `strong` -1 is the last row
+    #: caption; "panels" = [rows, columns] and arguments of `grid` where these do not depend on the data
+    figures: Mapping[str, Mapping]
+    notes: Mapping[str, str]  #: everything else
+
+    def table(self, name: str, rows: Sequence[Sequence], **values) -> Table:
+        """Table of these rows; values are fields of the table, or fill its caption."""
+        fields = self.tables[name] | {key: one for key, one in values.items() if key in Table.__dataclass_fields__}
+        strong = fields.get("strong")
+        at = None if strong is None else strong % max(len(rows), 1)
+        return Table(**fields | {"caption": _filled(fields["caption"], values), "rows": rows, "strong": at})
+
+    def figure(self, *reads: str) -> Callable[[Callable], Figure]:
+        """Decorator: a function that draws into panels, one Axes or an array of them, as the `Figure` of its name.
+
+        One whose file names no panels makes its own and returns a matplotlib Figure.
+        """
+
+        def declared(draw):
+            look = dict(self.figures[draw.__name__.lstrip("_")])
+            caption = _filled(look.pop("caption"), {})
+            if "panels" not in look:
+                return Figure(draw, reads, caption)
+            rows, columns = look.pop("panels")
+
+            @wraps(draw)
+            def drawn(*given):
+                made, panels = grid(rows, columns, **look)
+                draw(np.squeeze(panels)[()], *given)
+                return made if any(panel.has_data() for panel in made.axes) else None
+
+            return Figure(drawn, reads, caption)
+
+        return declared
+
+    def note(self, name: str, **values) -> str:
+        """Text with values filled in."""
+        return _filled(self.notes[name], values)
+
+
+def _filled(text, values):
+    """Text with values filled in; {hann} and {bare} say how a spectrum is made."""
+    return text.format_map({"hann": HANN, "bare": BARE} | values)
+
+
+def words(module: str, name: str) -> Words:
+    """Words of a page, from the file of that name beside a module."""
+    content = tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8"))
+    return Words(*(content.get(part, {}) for part in ("tables", "figures", "notes")))
+
+
+@dataclass(frozen=True)
 class Section:
     """Section of a page: notes, tables, then figures; a table without rows is left out."""
 
@@ -65,6 +126,16 @@ class Section:
     figures: Sequence[Figure] = ()
     notes: Sequence[str] = ()
     beside: bool = False  #: True to set the tables side by side
+
+
+def report(calibration, found, products, checks, sections, *, event, settings, **about) -> tuple[dict, dict[str, str]]:
+    """Result document of what was found, judged, and files of a report {name: text}; see `documents.delivered`.
+
+    Sections are a function of the judged document; about is what else `page` takes.
+    """
+    document = documents.delivered(calibration, found, products, checks, event=event, settings=settings)
+    html = page(document, sections(document), products, **about)
+    return document, {"result.json": documents.text(document), "report.html": html}
 
 
 def page(
@@ -98,7 +169,7 @@ def page(
             {"title": title, "text": text, "sign": SIGNS[good], "mood": MOODS[good]} for title, good, text in badges
         ],
         sections=shown,
-        settings=flat(settings_of(document)),
+        settings=flat(documents.settings_of(document)),
         provenance=flat({name: one for name, one in document["provenance"].items() if name != "settings"}),
         lines=lines,
     )

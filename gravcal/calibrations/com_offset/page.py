@@ -1,7 +1,4 @@
-"""Report of a centre-of-mass event: its product, result document, files, and the page, section by section.
-
-The figures follow those of 10.3390/rs14164030: from field and torquers to the estimates.
-"""
+"""Report of a centre-of-mass event: its product, result document, files, and the page, section by section."""
 
 from dataclasses import replace
 from types import SimpleNamespace
@@ -13,10 +10,12 @@ from gravcal.calibrations.com_offset.align import OUTLIER, REACH, SCHEMAS
 from gravcal.calibrations.com_offset.estimate import adopted as adopted_variant
 from gravcal.calibrations.schemas import build
 from gravcal.io.vcm import commented, vector_line
-from gravcal.report import documents, plain
-from gravcal.report.figures import AXIS, COLOURS, HANN, bars, density, grid, joined, number_windows, thinned
-from gravcal.report.pages import Section, Table, figure, page
-from gravcal.report.plain import AXES, NOT_DETERMINED, chi_square, gps_text, number, numbers, plus_minus, signed
+from gravcal.report import documents, pages, plain
+from gravcal.report.figures import AXIS, COLOURS, bars, density, grid, joined, number_windows, thinned
+from gravcal.report.pages import Section
+from gravcal.report.plain import AXES, chi_square, gps_text, number, numbers, plus_minus, signed
+
+WORDS = pages.words(__file__, "page.toml")
 
 #: The four angular accelerations, told apart by colour, by line and by point.
 VARIANTS = {
@@ -46,10 +45,6 @@ ANGULAR_LIMIT = 0.2
 PRODUCTS = {"acc": "ACC1A", "sca": "SCA1B"}
 EPOCH = "middle of each manoeuvre"  # of an offset that moves
 GAPS = {"orbit": 1, "star camera": 2}  # bits of a gap too long to use a manoeuvre
-RULE = (
-    "of the angular accelerations that determine most components, that with the smallest total error (sum of the "
-    "variances of x, y, z): noise, delays and scales estimated along, inertia and dipole per current of the catalogue."
-)
 WITHIN = {"within": "met in", "exceeds": "exceeded in", "undecided": "undecided in", "undetermined": "not tested in"}
 CONFIDENCE = 2.0  # standard deviations between a value and a limit for a clear answer
 
@@ -91,7 +86,7 @@ def html(document, products, published, vcm=None):
         counted = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("pitch", "roll", "yaw") if kind in kinds)
         subtitle += f"{len(kinds)} manoeuvres ({counted}). Vectors from proof mass to centre of mass, in SRF. "
         subtitle += f"Noise from {document['noise']['source']}."
-    return page(
+    return pages.page(
         document,
         sections,
         products,
@@ -107,9 +102,8 @@ def event_sections(document, published):
     """Sections of an event with manoeuvres."""
     adopted = document["adopted"]["variant"] or "mtq"
     known = printed_manoeuvres(document, published)
-    bands = f"Bands: adopted offset ({adopted}) with its error and its total error."
-    bands += " Hollow: printed values." if known else ""
-    shown = replace(_estimates, arguments=(document, known), caption=f"{_estimates.caption} {bands}")
+    caption = f"{_estimates.caption} {WORDS.note('bands', adopted=adopted)}{' Hollow: printed values.' * bool(known)}"
+    shown = replace(_estimates, arguments=(document, known), caption=caption)
     solved = f"solve.{adopted}"
     fits = [replace(_spectra, reads=(solved,)), replace(_linear_accelerations, reads=(solved, "detect"))]
     return [
@@ -127,18 +121,16 @@ def survey_sections(document):
     """Sections of a record without manoeuvre: what could be measured all the same."""
     residual, response = document["attitude"], document["roll_response"]
     rms = ", ".join(signed(item, 2) for item in residual["rms_urad"])
-    residual_note = f"Star camera minus fitted dynamics, rms x, y, z: {rms} µrad, {residual['samples']} samples."
-    roll_note = "Too little torque or time to measure it."
+    notes = [WORDS.note("attitude", rms=rms, samples=residual["samples"])], [WORDS.note("no_roll")]
     if response is not None:
         measured = plus_minus(response["value"], response["sigma"], digits=4)
-        roll_note = f"Roll acceleration for current times field: {measured} rad s⁻² mA⁻¹ T⁻¹"
-        if response["expected"]:
-            roll_note += f", expected {plus_minus(**response['expected'], digits=4)}"
-        roll_note += f", {response['samples']} samples."
+        said = f"Roll acceleration for current times field: {measured} rad s⁻² mA⁻¹ T⁻¹"
+        said += f", expected {plus_minus(**response['expected'], digits=4)}" if response["expected"] else ""
+        notes = notes[0], [f"{said}, {response['samples']} samples."]
     return [
         Section("Magnetic field", [_field_table(document)], [_field]),
-        Section("Attitude", figures=[_attitude], notes=[residual_note]),
-        Section("Torque against roll acceleration", figures=[_roll], notes=[roll_note]),
+        Section("Attitude", figures=[_attitude], notes=notes[0]),
+        Section("Torque against roll acceleration", figures=[_roll], notes=notes[1]),
     ]
 
 
@@ -162,24 +154,16 @@ def badges(document):
 
 def result_notes(document, published):
     """What the numbers of the result mean."""
-    notes = [
-        "The error is that of the noise as measured, delays and scales estimated along; the total error in brackets "
-        "also holds that of inertia and dipole per current. Adopted: " + document["adopted"]["rule"]
-    ]
+    notes = [WORDS.note("errors", rule=document["adopted"]["rule"])]
     if any(document["outliers"].values()):
         counted = " and ".join(f"{count} of {name}" for name, count in document["outliers"].items() if count)
-        notes.append(f"Isolated outliers were left out: {counted}.")
+        notes.append(WORDS.note("outliers", counted=counted))
     if document["settings"].get("model"):
-        notes.append(
-            "Effects of an extended model were taken out of the records; both errors hold those of the model. "
-            f"An offset that moves is that at the {document['epoch']}."
-        )
+        notes.append(WORDS.note("model", epoch=document["epoch"]))
     if document.get("method", "gravcal") == "published":
-        notes.append("Method published: row selection and formal errors of the paper, for comparison only.")
+        notes.append(WORDS.note("published"))
     sources = sorted({one.source for name in ("combined", "manoeuvres") for one in published.get(name, ())})
-    if sources:
-        notes.append(f"Printed: {'; '.join(sources)}. Printed errors are formal and several times too small.")
-    return notes
+    return [*notes, WORDS.note("printed", sources="; ".join(sources))] if sources else notes
 
 
 # Document
@@ -219,7 +203,7 @@ def result(products, settings):
         return about | {"verdict": {"text": f"No manoeuvre in the torquer currents{span}: nothing to calibrate."}}
     solved = next(one for name, one in products.items() if name.startswith("solve."))
     blocks = variants(combined)
-    chosen = {"variant": adopted_variant(combined), "rule": RULE}
+    chosen = {"variant": adopted_variant(combined), "rule": WORDS.note("rule")}
     agreement = consistency(combined, chosen["variant"], float(settings["consistency_level"]))
     determined = any(item is not None for block in blocks.values() for item in block["offset_um"])
     density = [np.interp(WAVE_HZ, solved["frequency"].values, row) for row in solved["noise_density"].values]
@@ -452,10 +436,9 @@ def _combined_table(document, published):
         for name, block in document["variants"].items()
     ]
     adopted = document["adopted"]["variant"]
-    caption = "Offset from proof mass to CoM, in SRF: value ± error (total error)."
     heads = ["angular acceleration", *_axis_heads(known, "{} printed"), "χ²/dof, p of manoeuvres"]
     strong = list(document["variants"]).index(adopted) if adopted else None
-    return Table(caption, heads, rows, reads=("combine",), strong=strong, wide=bool(known))
+    return WORDS.table("combined", rows, heads=heads, strong=strong, wide=bool(known))
 
 
 def _manoeuvre_table(document, known):
@@ -467,9 +450,8 @@ def _manoeuvre_table(document, known):
         for name, block in one["variants"].items():
             rows.append([label, name, *_offsets(block, [None] * 3, known, (index, name)), chi_square(block["fit"])])
             label = None
-    caption = f"Offset from each manoeuvre; {NOT_DETERMINED} is not determined by it."
     heads = ["manoeuvre", "angular acc.", *_axis_heads(known, "printed"), "χ²/dof, p of fit"]
-    return Table(caption, heads, rows, reads=("combine",), wide=True, words=(0, 1))
+    return WORDS.table("manoeuvres", rows, heads=heads)
 
 
 def _axis_heads(known, printed_head):
@@ -504,13 +486,7 @@ def _instrument_table(document):
             for value, sigma in zip(one[name]["value"], one[name]["sigma"], strict=True)
         ]
         rows.append([label, *late, *scales, ", ".join(signed(rms, 1) for rms in one["attitude_rms_urad"])])
-    heads = ["manoeuvre", "edges late, acc (s)", "edges late, sca (s)"]
-    heads += ["torque scale x", "y", "z", "angular scale x", "y", "z", "attitude rms x, y, z (µrad)"]
-    caption = (
-        "Edges of the wave against the torquer telemetry's bracket; magnetic torque over the catalogue; angular "
-        "accelerometer over torquers; star camera minus dynamics."
-    )
-    return Table(caption, heads, rows, reads=("attitude",), wide=True, strong=len(rows) - 1)
+    return WORDS.table("instruments", rows)
 
 
 def _agreement_table(document):
@@ -518,35 +494,27 @@ def _agreement_table(document):
     named = {f"manoeuvres, {name}": one for name, one in tests["manoeuvres"]["by_variant"].items()}
     named |= {"acc and sca": tests["variants"], "mtq and acc, within catalogue error": tests["catalogue"]}
     rows = [[name, chi_square(one, False), plain.probability(one["p"]), one["verdict"]] for name, one in named.items()]
-    heads = ["what should agree", "χ² / dof", "p", f"verdict at {tests['level']:g}"]
-    return Table("Do the estimates agree within their errors?", heads, rows, reads=("combine",), words=(0, 3))
+    heads = [*WORDS.tables["agreement"]["heads"][:3], f"verdict at {tests['level']:g}"]
+    return WORDS.table("agreement", rows, heads=heads)
 
 
 def _field_table(document):
     check = document["field_check"]
     names = {"bias": "bias_nt", "rms": "rms_nt", "largest": "max_nt"}
     rows = [[word, *(signed(value, 0) for value in check[name])] for word, name in names.items()]
-    caption = f"Magnetometer minus {check['model']} in SRF, {check['samples']} samples."
-    return Table(caption, ["nT", *AXES], rows, reads=("field",))
+    return WORDS.table("field", rows, **check)
 
 
 # Figures
 
 
-@figure(
-    "field",
-    "align",
-    caption="Magnetic field as measured and modelled, and their difference; dashed: bias; numbers are windows.",
-)
-def _field(checked, aligned):
+@WORDS.figure("field", "align")
+def _field(panels, checked, aligned):
     used = (checked["used"].values != 0)[:, None]
     time, ends = joined(checked["time_mag"].values, aligned["window_start"].values, aligned["window_stop"].values)
     time, ends = time / 60, ends / 60
     measured, model = (1e6 * np.where(used, checked[name].values, np.nan) for name in ("measured_b", "model_b"))
     difference = 1e9 * np.where(used, checked["difference_b"].values, np.nan)
-    titles, along = ("field in SRF", "magnetometer minus IGRF"), "minutes of record, windows joined end to end"
-    margins = {"wspace": 0.2, "hspace": 0.14}
-    figure, panels = grid(3, 2, 3.4, xlabel=along, titles=titles, sharex=True, margins=margins)
     thin = slice(None, None, max(1, time.size // 500))
     points = {"color": COLOURS["orange"], "markersize": 2.2, "label": "magnetometer", "rasterized": True}
     for row, (axis, (left, right)) in enumerate(zip(AXES, panels, strict=True)):
@@ -558,16 +526,9 @@ def _field(checked, aligned):
         right.set_ylabel(f"ΔB$_{axis}$ (nT)")
         number_windows(left, ends)
         number_windows(right, ends)
-    return figure
 
 
-@figure(
-    "align",
-    "attitude",
-    "detect",
-    caption="Torquer currents as sent down, and the angular acceleration they make in the modelled field. Each row has "
-    "its own scale; its largest value stands at the right.",
-)
+@WORDS.figure("align", "attitude", "detect")
 def _torquers(aligned, smoothed, detected):
     titles = "torquer current (mA)", "angular acceleration by the torquers (µrad s$^{-2}$)"
     figure, (left, right) = _rows(detected, titles, 0.55)
@@ -582,13 +543,7 @@ def _torquers(aligned, smoothed, detected):
     return figure
 
 
-@figure(
-    "solve.mtq",
-    "detect",
-    caption="Linear acceleration of every manoeuvre, low-passed and drift removed: measured, modelled with the adopted "
-    "angular acceleration, and their difference shifted down. Each row has its own scale; its largest value stands at "
-    "the right.",
-)
+@WORDS.figure("solve.mtq", "detect")
 def _linear_accelerations(solved, detected):
     figure, panels = _rows(detected, [f"f$_{axis}$ (nm s$^{{-2}}$)" for axis in AXES], 0.72)
     index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
@@ -639,29 +594,20 @@ def _stacked(panel, row, since, curves, styles, steps=False, size=None):
     panel.annotate(f"±{size:.3g}", (1.005, -row), fontsize=6, color="#767676", **place)
 
 
-@figure("attitude", caption="Star camera minus fitted dynamics, one fit between two dotted lines.")
-def _attitude(smoothed):
+@WORDS.figure("attitude")
+def _attitude(panels, smoothed):
     index, time = smoothed["sca_manoeuvre"].values, smoothed["time_sca"].values
     if time.size == 0:
-        return None
+        return
     first, last = np.array([time[index == i][[0, -1]] for i in np.unique(index)]).T
     along, ends = joined(time, first, last + 1)
-    labels, title = [f"{axis} (µrad)" for axis in AXES], ["star camera minus dynamics"]
-    look = {"ylabels": labels, "titles": title, "xlabel": "seconds of fitted record, joined end to end"}
-    figure, panels = grid(3, 1, 2.6, sharex=True, sharey=True, margins={"hspace": 0.12}, **look)
-    for (panel,), residual in zip(panels, 1e6 * smoothed["sca_residual_b"].values.T, strict=True):
+    for panel, residual in zip(panels, 1e6 * smoothed["sca_residual_b"].values.T, strict=True):
         panel.axhline(0, color=COLOURS["grey"], linewidth=0.5)
         panel.plot(along, residual, ".", color=COLOURS["blue"], markersize=1.4, rasterized=True)
         number_windows(panel, ends)
-    return figure
 
 
-@figure(
-    "angular_acceleration.*",
-    "detect",
-    caption="Four angular accelerations about the axis turned: three periods, and their distance from the torquers' in "
-    "every half period.",
-)
+@WORDS.figure("angular_acceleration.*", "detect")
 def _angular_accelerations(angular, detected):
     kinds = detected["kind"].values.astype(int)
     chosen = [int(np.flatnonzero(kinds == kind)[0]) for kind in range(3) if (kinds == kind).any()]
@@ -694,45 +640,32 @@ def _angular_accelerations(angular, detected):
     return figure
 
 
-@figure(
-    "solve.mtq",
-    caption="Residuals of all manoeuvres against the noise that weighted them; the modelled signal for scale. "
-    f"{HANN} as long as the shortest manoeuvre, mean power of all.",
-)
-def _spectra(solved):
+@WORDS.figure("solve.mtq")
+def _spectra(panels, solved):
     reading, model = solved["reading"].values, solved["model"].values
     index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
     pieces = [np.flatnonzero(index == one) for one in np.unique(index)]
     pieces = [own for own in pieces if own.size > 64 and np.ptp(np.diff(time[own])) < 1e-6]
     if not pieces:
-        return None
+        return
     length = min(own.size for own in pieces)
     frequency, residual = density([(reading - model)[own[:length]] for own in pieces], STEP_S)
     _, signal = density([model[own[:length]] for own in pieces], STEP_S)
     stated = np.sqrt(solved["noise_density"].values)
     low = np.nanmin([np.nanmin(stated), np.nanpercentile(residual, 5)])
-    look = {"titles": [f"f$_{axis}$" for axis in AXES], "ylabels": ["density (m s$^{-2}$ Hz$^{-1/2}$)"]}
-    look |= {"xlabel": "frequency (Hz)", "margins": {"wspace": 0.06, "right": 0.98}}
-    figure, (panels,) = grid(1, 3, 2.6, sharex=True, sharey=True, **look)
     for axis, panel in enumerate(panels):
         panel.loglog(frequency, signal[:, axis], color=COLOURS["sky"], label="modelled signal")
         panel.loglog(frequency, residual[:, axis], color=COLOURS["vermilion"], linewidth=0.8, label="residual")
         style = {"color": COLOURS["black"], "linewidth": 1.3, "label": "noise as measured"}
         panel.loglog(solved["frequency"].values, stated[axis], **style)
     panels[0].set(xlim=(frequency[1], 1.0), ylim=(low / 5, 3 * np.nanmax(signal)))
-    return figure
 
 
-@figure(
-    "combine",
-    caption="Offset of every manoeuvre from four angular accelerations, error bars one standard deviation.",
-)
-def _estimates(document, printed):
+@WORDS.figure("combine")
+def _estimates(panels, document, printed):
     manoeuvres, names = document["manoeuvres"], list(document["variants"])
     adopted = document["variants"].get(document["adopted"]["variant"])
-    look = {"titles": ["offset, proof mass to CoM"], "ylabels": [f"{axis} (µm)" for axis in AXES]}
-    figure, panels = grid(3, 1, 4.6, sharex=True, margins={"hspace": 0.1}, **look)
-    for row, (panel,) in enumerate(panels):
+    for row, panel in enumerate(panels):
         if adopted is not None and adopted["offset_um"][row] is not None:
             value, sigma, total = (adopted[name][row] for name in ("offset_um", "sigma_um", "sigma_total_um"))
             panel.axhspan(value - total, value + total, color=COLOURS["yellow"], alpha=0.3, lw=0, label="total error")
@@ -751,24 +684,18 @@ def _estimates(document, printed):
     labels = [f"{i} {one['kind']}\n{one['latitude_class'] or ''}" for i, one in enumerate(manoeuvres, start=1)]
     panel.set_xticks(np.arange(len(manoeuvres)), labels)
     panel.set_xlim(-0.6, len(manoeuvres) - 0.4)
-    return figure
 
 
-@figure(
-    "survey",
-    caption="Roll acceleration by the star camera, and torquer current times field times the slope of the fit.",
-)
-def _roll(survey):
+@WORDS.figure("survey")
+def _roll(panel, survey):
     time, slope = survey["time_sca"].values, float(survey["slope"].values)
     if time.size == 0 or not np.isfinite(slope):
-        return None
+        return
     drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, time.size), 2)
     rate, impulse = (
         y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0]
         for y in (survey["roll_rate"].values, survey["roll_impulse"].values)
     )
-    figure, ((panel,),) = grid(1, 1, 2.0, xlabel="time (s)", ylabels=["ω$_x$ (µrad s$^{-1}$)"])
     style = {"color": COLOURS["orange"], "marker": "o", "markersize": 2.2, "linewidth": 0.6, "label": "star camera"}
     panel.plot(time - time[0], 1e6 * rate, **style)
     panel.plot(time - time[0], 1e6 * slope * impulse, color=COLOURS["black"], label="torquers")
-    return figure

@@ -1,7 +1,4 @@
-"""Report of a day of S-GRS: its product, its result document, and the page, section by section.
-
-The figures follow those of the S-GRS paper: spectra by zonal degree (4 to 7), errors of the methods (8, 9).
-"""
+"""Report of a day of S-GRS: its product, its result document, and the page, section by section."""
 
 import numpy as np
 
@@ -9,19 +6,15 @@ from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.gradient_torque import checks
 from gravcal.calibrations.gradient_torque.model import SCHEMAS, gravity_gradient_torque, printed_torque
 from gravcal.calibrations.schemas import build
-from gravcal.report import documents
-from gravcal.report.figures import COLOURS, HANN, grid
-from gravcal.report.pages import Section, Table, figure, page
+from gravcal.report import pages
+from gravcal.report.figures import COLOURS
+from gravcal.report.pages import Section
 from gravcal.report.plain import AXES, NOT_DETERMINED, gps_text, number, numbers
 from gravcal.store import product
 
+WORDS = pages.words(__file__, "page.toml")
 GROUPS = ((1, 5), (6, 11), (12, 17), (18, 23))  # S-GRS paper, figures 4 to 7
 CYCLE = ("blue", "vermilion", "green", "purple", "orange", "sky")
-NAMES = {
-    "two_sensor": "two sensors, mounting term kept",
-    "one_sensor_published": "one sensor, eqs. 13-16 as printed",
-    "one_sensor": "one sensor, tensor and rates modelled",
-}
 #: Colour and label of the methods, what is drawn first below.
 STYLES = {
     "one_sensor_published": ("grey", "one sensor, printed"),
@@ -38,30 +31,9 @@ METHOD = {
     "sigma_total_rms": "sigma_total_rms",
     "error_over_sigma": "error_over_sigma",
 }
-TORQUE_NOTES = (
-    "Angular acceleration of the test mass relative to the satellite from one zonal term at a time. Degree 1 is empty: "
-    "the origin is the centre of mass, C10 = 0 (erratum S-9). The satellite alone makes the signal where the test mass "
-    "is a cube: its torque vanishes (erratum S-5); elongation lets it appear.",
-)
 #: mm, places over which the printed torque takes the difference of gravity: a choice that eq. 1 does not have.
 PLACES_MM = {(1.0, 1.0, 1.0): "vermilion", (1.0, 2.0, -0.5): "blue"}
-PRINTED_NOTES = (
-    "The torque of the tensor, t = vex(J G - G J), is one; the printed one takes the difference of gravity over a "
-    "place of the choice of the reader, is another for each, and hundreds of times and more too large (erratum S-1).",
-)
 BALANCE = ("value", "sigma", "prior_sigma")
-PRESSURE_NOTES = (
-    "The paper has the mean of the panels by area (eq. 11) and prints no panel; here are those of GRACE-FO, with the "
-    "centre of mass assumed in the middle of their volume. The flow meets the front alone: a mean over all panels "
-    "adds a torque about y of z times the drag. The torque balance is what the record says.",
-)
-KNOWLEDGE_NOTES = (
-    "One epoch gives six numbers for five elements of the gradient tensor and three of the drag: two combinations stay "
-    "unseen, and both contain the diagonal of the tensor, which enters no torque. The printed pair of equations has "
-    "rank 5 for 6 unknowns; quaternion inversion fills the gap with a relation without physical ground (erratum S-6).",
-    "Below, several epochs together, one piece of knowledge after the other, and the standard deviation of the drag in "
-    "the middle. The torque balance hardly moves it: it tells the centre of pressure, not the drag.",
-)
 
 
 def report(*products, event, settings):
@@ -73,17 +45,14 @@ def report(*products, event, settings):
     named = dict(zip(("combine", "torque", "gradient", "checks"), products[:4], strict=True))
     tests = [*of_product(named["checks"]), *checks.result(named["gradient"], drags, settings)]
     named |= {f"drag.{name}": one for name, one in drags.items()}
-    found = _result(named, settings)
-    document = documents.delivered("gradient_torque", found, named, tests, event=event, settings=settings)
     modelled = named["gradient"]
     time, sensors = modelled["time"].values, modelled.sizes["sensor"]
     ratios = modelled["attitude_chi2"].values / modelled["attitude_dof"].values
     subtitle = f"{gps_text(time[0])} to {gps_text(time[-1])} GPS, {time.size} epochs, {sensors} sensor"
     subtitle += f"{'s' * (sensors > 1)}. Attitude fit, chi-square over degrees of freedom: "
     subtitle += ", ".join(f"{ratio:.3f}" for ratio in ratios) + "."
-    about = {"heading": "Drag and gravity-gradient torque", "subtitle": subtitle}
-    files = {"result.json": documents.text(document)}
-    files["report.html"] = page(document, _sections(document), named, **about)
+    about = {"event": event, "settings": settings, "heading": "Drag and gravity-gradient torque", "subtitle": subtitle}
+    _, files = pages.report("gradient_torque", _result(named, settings), named, tests, _sections, **about)
     return build(SCHEMAS["report"], {"delivered": 1}, event=event), files
 
 
@@ -171,13 +140,14 @@ def _sections(document):
     """Sections of the page, in order."""
     torque = document["torque"]
     above = [str(n) for n, yes in zip(torque["degrees"], torque["above_sensitivity"], strict=True) if yes]
-    above = f"Degrees with a line above three times the sensor's noise: {', '.join(above) or 'none'} "
+    notes = [WORDS.note("torque"), WORDS.note("above", degrees=", ".join(above) or "none")]
+    know = [WORDS.note("rank"), WORDS.note("knowledge")]
     return [
         Section("Drag", [_methods_table(document), _budget_table(document)], [_errors, _series]),
-        Section("Gravity-gradient torque", (), [_spectra, _degrees], (*TORQUE_NOTES, f"{above}(sensitivity assumed).")),
-        Section("Equation 3 against equation 1", (), [_printed_torque], PRINTED_NOTES),
-        Section("Centre of pressure", [_pressure_table(document)], (), PRESSURE_NOTES),
-        Section("What one sensor can tell", _knowledge_tables(document), (), KNOWLEDGE_NOTES),
+        Section("Gravity-gradient torque", (), [_spectra, _degrees], notes),
+        Section("Equation 3 against equation 1", (), [_printed_torque], [WORDS.note("printed")]),
+        Section("Centre of pressure", [_pressure_table(document)], (), [WORDS.note("pressure")]),
+        Section("What one sensor can tell", _knowledge_tables(document), (), know),
     ]
 
 
@@ -187,63 +157,43 @@ def _short(value, form=".2e"):
 
 def _methods_table(document):
     keys = ("rms_error", "rms_error_without_noise", "rms_error_bare_reading", "sigma_rms", "sigma_total_rms")
-    heads = ["method", "error", "without noise", "bare reading", "σ", "σ with places", "error/σ", "printed, order"]
     printed = f"{float(document['settings']['requirement_m_s2']):.0e}"
     rows = []
     for name, block in document["drag"].items():
-        row = [NAMES[name], *(_short(block[key]) for key in keys), _short(block["error_over_sigma"], ".3f")]
-        rows.append([*row, NOT_DETERMINED if name == "one_sensor" else printed])
-    caption = "Drag, rms over time and axes, m/s² (errors need the truth of a simulation; printed: eqs. 10, 16)"
-    return Table(caption, heads, rows, reads=("combine",))
+        row = [WORDS.notes["methods"][name], *(_short(block[key]) for key in keys)]
+        order = NOT_DETERMINED if name == "one_sensor" else printed
+        rows.append([*row, _short(block["error_over_sigma"], ".3f"), order])
+    return WORDS.table("methods", rows)
 
 
 def _budget_table(document):
     rows = [
-        [NAMES[name], source, *map(_short, values)]
+        [WORDS.notes["methods"][name], source, *map(_short, values)]
         for name, block in document["drag"].items()
         for source, values in block["budget"].items()
     ]
-    heads = ["method", "cause", "x", "y", "z"]
-    return Table("Standard deviation by cause, m/s²", heads, rows, reads=("drag.*",), words=(0, 1))
+    return WORDS.table("budget", rows)
 
 
 def _knowledge_tables(document):
     own = document["identifiability"]
-    heads = ["known", "rank", "unknowns", "σ drag x", "σ drag y", "σ drag z"]
     rows = [[k["known"], k["rank"], k["unknowns"], *map(_short, k["drag_sigma"])] for k in own["knowledge"]]
     null = [[f"{v:+.2f}" for v in vector] for vector in own["null_space"]["vectors"]]
-    caption = f"Combinations that one epoch does not see (rank {own['rank']} of {own['unknowns']}); "
-    return [
-        Table("Joint system of several epochs, m/s²", heads, rows, reads=("combine",)),
-        Table(caption + own["null_space"]["units"], own["null_space"]["unknowns"], null, reads=("combine",)),
-    ]
+    return [WORDS.table("knowledge", rows), WORDS.table("null", null, heads=own["null_space"]["unknowns"], **own)]
 
 
 def _pressure_table(document):
     """What panels say of the centre of pressure, and what the torque balance of the record does."""
-    heads = ["axis", "all panels by area", "panels facing the flow", "torque balance", "σ", "σ before"]
     panels, balance = (document.get(name, {}) for name in ("panel_pressure_m", "centre_of_pressure_m"))
     rows = []
     for k, axis in enumerate(AXES):
         sums = [f"{values[k]:+.4f}" for values in panels.values()]
         rows.append([axis, *sums, *(_short(balance[key][k] if balance else None, ".4f") for key in BALANCE)])
-    reads = ("torque", "drag.one_sensor")
-    return Table("From the centre of mass to the centre of pressure, m", heads, rows, reads=reads)
+    return WORDS.table("pressure", rows)
 
 
-@figure(
-    "torque",
-    caption="Amplitude by zonal degree, all axes together, against the sensor; grouped as figures 4 to 7 of the paper. "
-    f"{HANN} over the whole record.",
-)
-def _spectra(torque):
-    look = {"titles": [f"zonal degrees {low} to {high}" for low, high in GROUPS], "sharex": True, "sharey": True}
-    look |= {
-        "xlabel": "frequency, mHz",
-        "ylabels": ["amplitude, rad/s²"] * 2,
-        "margins": {"hspace": 0.28, "wspace": 0.06},
-    }
-    figure, panels = grid(2, 2, 4.6, **look)
+@WORDS.figure("torque")
+def _spectra(panels, torque):
     frequency = 1e3 * torque["frequency"].values
     total = np.sqrt(np.sum(torque["amplitude"].values ** 2, axis=1))
     noise = np.sqrt(np.sum(torque["sensitivity"].values ** 2))
@@ -254,20 +204,12 @@ def _spectra(torque):
             panel.loglog(frequency, np.where(total[i] > 0, total[i], np.nan), color=COLOURS[colour], label=label)
         panel.axhline(noise, color=COLOURS["black"], linestyle="--", label="sensor")
         panel.legend(ncols=2, loc="upper right")
+        panel.set_title(f"zonal degrees {low} to {high}")
     panel.set_ylim(1e-18, 1e-5)
-    return figure
 
 
-@figure(
-    "gradient",
-    "torque",
-    caption="Gravity-gradient torque on the satellite by equation 1 of the paper, and by its equations 2 and 3 "
-    "with the difference of gravity over two places.",
-)
-def _printed_torque(modelled, torque):
-    titles, margins = [f"about {axis}" for axis in AXES], {"wspace": 0.06}
-    look = {"ylabels": ["torque, N m"], "xlabel": "hours", "sharey": True}
-    figure, (panels,) = grid(1, 3, 2.8, titles=titles, margins=margins, **look)
+@WORDS.figure("gradient", "torque")
+def _printed_torque(panels, modelled, torque):
     time, inertia = modelled["time"].values, torque["inertia"].values
     every = slice(None, None, max(1, time.size // 3000))
     tensor, hours = modelled["gradient_b"].values[every], (time[every] - time[0]) / 3600
@@ -278,12 +220,10 @@ def _printed_torque(modelled, torque):
     for axis, panel in enumerate(panels):
         for colour, label, series in curves:
             panel.semilogy(hours, np.abs(series[:, axis]), color=COLOURS[colour], label=label)
-    return figure
 
 
-@figure("torque", caption="Rms by zonal degree and axis.")
-def _degrees(torque):
-    figure, ((panel,),) = grid(1, 1, 2.4, xlabel="zonal degree", ylabels=["rms, rad/s²"])
+@WORDS.figure("torque")
+def _degrees(panel, torque):
     degree = torque["degree"].values
     for axis, colour in enumerate(("blue", "vermilion", "green")):
         for name, style, of in (("rms", "o-", "about"), ("test_mass_rms", "x:", "test mass about")):
@@ -293,24 +233,12 @@ def _degrees(torque):
                 panel.semilogy(degree, shown, style, markersize=3, color=COLOURS[colour], label=f"{of} {AXES[axis]}")
     panel.axhline(torque["sensitivity"].values.mean(), color=COLOURS["black"], linestyle="--", label="sensor, one line")
     panel.set_xticks(degree[::2])
-    return figure
 
 
-@figure(
-    "combine",
-    caption="Densities of drag and of the errors of the methods, with and without sensor noise; figures 8 and 9 of the "
-    "paper draw amplitudes of lines, which for noise depend on the length of the record. "
-    f"{HANN} over the whole record.",
-)
-def _errors(combined):
+@WORDS.figure("combine")
+def _errors(panels, combined):
     if not np.isfinite(combined["error_rms"].values).any():  # without the truth
-        return None
-    look = {
-        "titles": ("with sensor noise", "without"),
-        "ylabels": ["density, m s⁻² Hz⁻¹ᐟ²"],
-        "xlabel": "frequency, mHz",
-    }
-    figure, (panels,) = grid(1, 2, 3.2, sharex=True, sharey=True, margins={"wspace": 0.06}, **look)
+        return
     frequency, names = combined["frequency"].values, [str(name) for name in combined["method"].values]
     index = np.digitize(frequency, np.geomspace(frequency[0], frequency[-1], 140))
     bins = [index == number for number in np.unique(index)]
@@ -326,14 +254,10 @@ def _errors(combined):
             density = [np.sqrt(power[inside].mean() / line_hz) for inside in bins]
             panel.loglog(middle, np.maximum(density, 1e-30), color=COLOURS[colour], label=label)
     panels[0].set_ylim(1e-17, 1e-4)
-    return figure
 
 
-@figure("drag.*", caption="Drag of the one-sensor method, and how far the others are from it.")
-def _series(drags):
-    titles = [f"{what} {axis}, nm/s²" for what in ("drag", "difference") for axis in AXES]
-    margins = {"hspace": 0.3, "wspace": 0.28}
-    figure, panels = grid(2, 3, 3.4, sharex=True, xlabel="hours", titles=titles, margins=margins)
+@WORDS.figure("drag.*")
+def _series(panels, drags):
     one = drags["one_sensor"]
     every = slice(None, None, max(1, one.sizes["time"] // 3000))
     hours = (one["time"].values[every] - one["time"].values[0]) / 3600
@@ -343,4 +267,3 @@ def _series(drags):
         for name, (colour, label) in others.items():
             difference = 1e9 * (drags[name]["drag_b"].values - one["drag_b"].values)[every, axis]
             below.plot(hours, difference, color=COLOURS[colour], label=f"{label} minus one")
-    return figure

@@ -1,7 +1,6 @@
-"""Report of an inertial-sensor event: its product, its result document, and the page, section by section.
+"""Report of an inertial-sensor event: its product, its result document, and the page, section by section."""
 
-Tables and figures stand beside Tables 3 to 6 of the paper (Remote Sens. 2023, 15, 3817).
-"""
+from functools import partial
 
 import numpy as np
 
@@ -10,45 +9,18 @@ from gravcal.calibrations.inertial_sensor import checks
 from gravcal.calibrations.inertial_sensor.align import SCHEMAS
 from gravcal.calibrations.inertial_sensor.estimate import filtered_readouts
 from gravcal.calibrations.schemas import build
-from gravcal.effects.inertial_sensor import READOUT, VOLTAGES
-from gravcal.report import documents
-from gravcal.report.figures import AXIS, COLOURS, HANN, density, grid, opened
-from gravcal.report.pages import Section, Table, figure, page
+from gravcal.report import pages
+from gravcal.report.figures import AXIS, COLOURS, density, opened
+from gravcal.report.pages import Section
 from gravcal.report.plain import AXES, NOT_DETERMINED, estimate, gps_text, number, numbers, plus_minus
 
+WORDS = pages.words(__file__, "page.toml")
+CAUSES = WORDS.notes["causes"]
 #: The two solutions of the offset, in the order of the product.
 OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")
-ADOPTED = "smallest total error: least sum of the squares of sigma_total of the three axes"
 CLAIMED = {"k": 0.01, "offset in y and z": 0.03, "bias": 1e-3}  # relative, abstract of the paper
-REASONS = {
-    "k_y": "no angular factor is tied to it, and this swing does not show it: a_x gives p_z, then a_y = -w_x' p_z",
-    "beta_z": "tied to beta_y: same electrodes, arm and inertia",
-    "bias_y": "rolling about y leaves its direction cosines constant: b_y and the constant acceleration of the "
-    "satellite along y, solar pressure above all, are one sum (constant_y)",
-}
-OFFSET_NOTE = (
-    "The scale calibration of the swing cancels in the offset: its systematic error is that of J/(M l), 3 to 4 % "
-    "(errata T-6, T-11), and for z that of k_y of the ground. Printed errors hold neither."
-)
-CAUSES = {
-    "beta": "β of the swing",
-    "mass": "mass M",
-    "inertia": "inertia J",
-    "arm": "arm l",
-    "beta_x": "β_x",
-    "beta_y": "β_y",
-    "ratio_x": "J_x/(M l)",
-    "ratio_y": "J_y/(M l)",
-    "k_y": "k_y of the ground",
-    "statistical_sigma": "scatter of the segments",
-    "offset_sigma": "error of the offset (Ω² p)",
-    "factor_sigma": "error of the scale factor (swing, M, l, J), times b",
-    "wander": "slow wander, not an error of the mean",
-    "offset_effect": "bias if the offset term were dropped, minus the bias",
-}
 PRINTED = {"mass": 0.072, "x": 1.9440e-5, "y": 1.0328e-5, "arm_y": 10.45e-3}  # kg, kg m2, m; Sec. 2.2 and Table 1
 SHOWN = 1 / 3  # largest relative error of a k_y that a swing shows: beyond, its inverse is far from normal
-WIDE = {"left": 0.1, "right": 0.985, "hspace": 0.42, "wspace": 0.3}
 
 
 def report(*products, event, names, settings, published):
@@ -59,13 +31,13 @@ def report(*products, event, names, settings, published):
     """
     named = dict(zip(names, products, strict=True))
     tests = [*of_product(named["checks"]), *checks.result(named, settings)] if "checks" in named else []
-    found = _result(named, settings)
-    document = documents.delivered("inertial_sensor", found, named, tests, event=event, settings=settings)
-    spans = [f"{m['kind']} {gps_text(m['start'])} to {gps_text(m['stop'])}" for m in document["manoeuvres"]]
-    subtitle = f"{'; '.join(spans) or 'No manoeuvre'} GPS. Vectors from the centre of mass to the test mass, "
-    about = {"heading": "Inertial sensor", "subtitle": f"{subtitle}sensor frame."}
-    files = {"result.json": documents.text(document)}
-    files["report.html"] = page(document, _sections(document, published), named, **about)
+    found, sections = _result(named, settings), partial(_sections, published=published)
+    spans = [f"{m['kind']} {gps_text(m['start'])} to {gps_text(m['stop'])}" for m in found["manoeuvres"]]
+    subtitle = (
+        f"{'; '.join(spans) or 'No manoeuvre'} GPS. Vectors from the centre of mass to the test mass, sensor frame."
+    )
+    about = {"event": event, "settings": settings, "heading": "Inertial sensor", "subtitle": subtitle}
+    document, files = pages.report("inertial_sensor", found, named, tests, sections, **about)
     swung, rolled = document.get("swing", {}), document.get("roll", {})
     unknown = {"value": [None] * 3}
     values = {name: [(swung.get(name, {}).get(axis) or {}).get("value") for axis in AXES] for name in ("k", "beta")}
@@ -86,7 +58,7 @@ def _result(products, settings):
             for kind in ("swing", "roll")
             for a, b in zip(detected[f"{kind}_start"].values, detected[f"{kind}_stop"].values, strict=True)
         ],
-        "not_determined": dict(REASONS),
+        "not_determined": {name: WORDS.note(name) for name in ("k_y", "beta_z", "bias_y")},
     }
     if "scale" in products:
         found["swing"] = _swing(products["scale"], products["offset"])
@@ -120,7 +92,7 @@ def _swing(scaled, moved):
         "k": arms[arm],
         "beta": {axis: estimate(value, sigma) for axis, value, sigma in beta},
         **offsets,
-        "adopted": {"solution": adopted, "rule": ADOPTED, **offsets[adopted]},
+        "adopted": {"solution": adopted, "rule": WORDS.note("adopted"), **offsets[adopted]},
         "delay_s": estimate(scaled.delay, scaled.delay_sigma),
         "arm_x_mm": 1e3 * float(scaled.arm_x[arm]),
         "arms": {f"{1e3 * float(a):.2f} mm": k for a, k in zip(scaled.arm_x.values, arms, strict=True)},
@@ -156,7 +128,7 @@ def _roll(biased):
             "sigma": number(biased.bias_sigma[1]),
             "sigma_total": number(biased.bias_sigma_total[1]),
             "volt": number(biased.bias_volt[1]),
-            "meaning": "b_y minus the constant acceleration of the satellite along y",
+            "meaning": WORDS.note("constant_y"),
         },
         "budget": {
             name: numbers(biased[name].values)
@@ -223,42 +195,23 @@ def _sections(document, published):
     sections, reasons = [Section("Motion", figures=[_motion])], document["not_determined"]
     if "swing" in document:
         delay, agree = document["swing"]["delay_s"], document["swing"]["filter_minus_batch"]["sigmas"]
-        late = (
-            f"Star-tracker tags later than those of the sensor by {delay['value']:.4f} ± {delay['sigma']:.4f} s. "
-            f"Kalman filter and batch differ by {agree:.1e} standard deviations at the end."
-        )
-        notes = [late, *(f"{name}: {why}." for name, why in reasons.items() if "bias" not in name)]
-        tables = [_factors(document, published), _arms(document), _factor_budget(document), _actuation(published)]
+        notes = [WORDS.note("late", delay=delay, agree=agree)]
+        notes += [f"{name}: {why}." for name, why in reasons.items() if "bias" not in name]
+        tables = [_factors(document, published), _arms(document), _factor_budget(document)]
         drawn = [_swing_readings, _convergence, _residuals, _filtering]
         offsets = [_offsets(document, published), _offset_budget(document)]
         sections.append(Section("Scale factors", tables, drawn, notes))
-        sections.append(Section("Offset", offsets, [_offset_readings, _offset_convergence], [OFFSET_NOTE]))
+        sections.append(Section("Offset", offsets, [_offset_readings, _offset_convergence], [WORDS.note("offset")]))
     if "bias" in reasons:
         sections.append(Section("Bias", notes=[f"Not determined: {reasons['bias']}"]))
     elif "roll" in document:
         roll = document["roll"]
-        noise = roll["z_noise"]
-        spectrum = (
-            f"Between 10 and 50 mHz {noise['before_m_s2_rthz']:.1e} m s⁻² Hz⁻¹ᐟ² with the factor of the ground, "
-            f"{noise['after_m_s2_rthz']:.1e} now: {noise['ratio']:.3f} of before. The change of k_z alone gives "
-            f"{noise['ratio_of_factors']:.3f}; only the rest is less noise."
-        )
-        used = f"{roll['segments']} of {roll['segments_found']} segments used. "
-        notes = [f"{used}Scale factors and offset: {roll['source']}.", f"b_y: {reasons['bias_y']}."]
+        notes = [WORDS.note("segments", **roll), f"b_y: {reasons['bias_y']}."]
         parts = [[CAUSES[name], *(f"{v:.1e}" for v in own)] for name, own in roll["budget"].items()]
-        budget = Table("Error budget of the bias, m s⁻².", ["part", *AXES], parts, ["bias"])
-        sections.append(Section("Bias", [_bias(document, published), budget], [_segments], notes))
-        sections.append(Section("Noise of z", figures=[_z_spectrum], notes=[spectrum]))
+        tables = [_bias(document, published), WORDS.table("bias_budget", parts)]
+        sections.append(Section("Bias", tables, [_segments], notes))
+        sections.append(Section("Noise of z", figures=[_z_spectrum], notes=[WORDS.note("noise", **roll["z_noise"])]))
     return sections
-
-
-def _actuation(published):
-    rows = []
-    for record, used in zip(published.get("actuation", ()), READOUT, strict=False):
-        same = np.array_equal(np.array(record["value"], dtype=float), used)
-        rows.append([record["labels"]["scale_factor"], *(f"{c:g}" for c in used), "as printed" if same else "differs"])
-    heads = ["factor", *(f"{name[0]}{name[2:]}" for name in VOLTAGES), ""]
-    return Table("Combinations of the electrode voltages (Table 3).", heads, rows, ["scale"], words=(0, 7))
 
 
 def _factors(document, published):
@@ -275,13 +228,7 @@ def _factors(document, published):
         printed = [NOT_DETERMINED if v is None else f"{v:.3e}" for v in known.get(name, [None] * 3)]
         taken = " / ".join(f"{one:.3e}" for one in again.get(name, ())) or NOT_DETERMINED
         rows.append([name, *printed, taken, _measured(document["swing"][kind].get(axis))])
-    heads = ["factor", "nominal printed", "ground printed", "orbit printed", "printed β, no 1/2", "this event"]
-    caption = (
-        "Scale factors (Table 4), k in m s⁻² V⁻¹, β in rad s⁻² V⁻¹: value ± error (total error). Fifth column: the "
-        "printed β of orbit taken to k by J/(M l), arm about x of 8.00 and 10.45 mm. k_y of this event is that of the "
-        "swing alone (a_x gives p_z, then a_y = -w_x' p_z), beside the ground value that the offset is solved with."
-    )
-    return Table(caption, heads, rows, ["scale"], wide=True)
+    return WORDS.table("factors", rows)
 
 
 def _measured(own):
@@ -293,13 +240,11 @@ def _measured(own):
 
 
 def _arms(document):
-    swing = document["swing"]
     rows = []
-    for name, one in swing["arms"].items():
-        used = " (used)" if abs(float(name[:-3]) - swing["arm_x_mm"]) < 1e-6 else ""
+    for name, one in document["swing"]["arms"].items():
+        used = " (used)" if abs(float(name[:-3]) - document["swing"]["arm_x_mm"]) < 1e-6 else ""
         rows.append([f"{name}{used}", _measured(one["x"]), _measured(one["z"])])
-    caption = "Linear factors by the arm of β_x (erratum T-5): value ± error (total error)."
-    return Table(caption, ["arm", "k_x", "k_z"], rows, ["scale"])
+    return WORDS.table("arms", rows)
 
 
 def _factor_budget(document):
@@ -307,22 +252,21 @@ def _factor_budget(document):
     parts = swing["k_budget_relative"].items()
     rows = [[CAUSES[name], *(f"{100 * shares[axis]:.2f}" for axis in "xz")] for name, shares in parts]
     rows.append(["total", *(f"{100 * swing['k'][a]['sigma_total'] / swing['k'][a]['value']:.2f}" for a in "xz")])
-    caption = "Error budget of the linear factors, % (k = β J/(M l), erratum T-6)."
-    return Table(caption, ["cause", "k_x", "k_z"], rows, ["scale"], strong=len(rows) - 1)
+    return WORDS.table("factor_budget", rows)
 
 
 def _offsets(document, published):
-    known = {r["labels"]["component"]: r for r in published.get("com_offset", ())}
-    rows = []
+    known, rows = _by_axis(published, "com_offset"), []
     for index, axis in enumerate(AXES):
-        record, row = known.get(axis), [axis]
-        row.append(f"{record['value'][0]:.2f} ± {record['sigma'][0]:.2f}" if record else NOT_DETERMINED)
-        for name in OFFSETS:
-            value, sigma, total = (document["swing"][name][key][index] for key in ("value", "sigma", "sigma_total"))
-            row.append(plus_minus(value, sigma, total, 1))
-        rows.append(row)
-    caption = "Centre of mass to test mass (Table 5), µm: value ± error with scale factors held (total error)."
-    return Table(caption, ["axis", "printed", "all axes, k_y of the ground", "without a_y"], rows, ["offset"])
+        own = ([document["swing"][name][key][index] for key in ("value", "sigma", "sigma_total")] for name in OFFSETS)
+        row = f"{known[axis][0]:.2f} ± {known[axis][1]:.2f}" if axis in known else NOT_DETERMINED
+        rows.append([axis, row, *(plus_minus(*one, 1) for one in own)])
+    return WORDS.table("offsets", rows)
+
+
+def _by_axis(published, section):
+    """Printed value and error by axis."""
+    return {one["labels"]["component"]: (one["value"][0], one["sigma"][0]) for one in published.get(section, ())}
 
 
 def _offset_budget(document):
@@ -330,16 +274,13 @@ def _offset_budget(document):
     rows = [["noise", *(f"{s:.1f}" for s in swing[OFFSETS[0]]["sigma"])]]
     rows += [[CAUSES[name], *(f"{abs(v):.1f}" for v in shift)] for name, shift in swing["budget_um"].items()]
     rows.append(["total", *(f"{s:.1f}" for s in swing[OFFSETS[0]]["sigma_total"])])
-    caption = "Error budget of the offset, µm for one standard deviation of each cause."
-    return Table(caption, ["cause", *AXES], rows, ["offset"], strong=len(rows) - 1)
+    return WORDS.table("offset_budget", rows)
 
 
 def _bias(document, published):
-    known = {r["labels"]["component"]: r for r in published.get("bias", ())}
-    roll, rows = document["roll"], []
+    roll, known, rows = document["roll"], _by_axis(published, "bias"), []
     for index, axis in enumerate(AXES):
-        record = known.get(axis)
-        printed = f"{record['value'][0]:.4e} ± {record['sigma'][0]:.1e}" if record else NOT_DETERMINED
+        printed = f"{known[axis][0]:.4e} ± {known[axis][1]:.1e}" if axis in known else NOT_DETERMINED
         value, sigma, total = (roll["bias"][name][index] for name in ("value", "sigma", "sigma_total"))
         if value is None:
             y = roll["constant_y"]
@@ -347,29 +288,22 @@ def _bias(document, published):
         else:
             own = f"{value:.6e} ± {sigma:.1e} ({total:.1e}), {100 * sigma / abs(value):.4f} %"
         rows.append([axis, printed, own])
-    caption = "Bias b of f = b + k V (Table 6), m s⁻²: value ± error with scale factors held (total error)."
-    return Table(caption, ["axis", "printed", "this event"], rows, ["bias"], words=(0, 2))
+    return WORDS.table("bias", rows)
 
 
-@figure("detect", caption="Body rates, means over a minute.")
-def _motion(detected):
-    labels = {"xlabel": "time (h)", "ylabels": ["rate (mrad s$^{-1}$)"]}
-    figure, ((panel,),) = grid(1, 1, 1.9, margins=WIDE | {"bottom": 0.2}, **labels)
+@WORDS.figure("detect")
+def _motion(panel, detected):
     time = (detected.time.values - detected.time.values[0]) / 3600
     for axis, rate in zip(AXES, 1e3 * detected.rate_b.values.T, strict=True):
         panel.plot(*opened(time, rate, 0.1), label=axis, **AXIS[axis])
-    return figure
 
 
-@figure("scale", caption="Swing: angular readouts, angular acceleration, attitude.")
-def _swing_readings(scaled):
-    labels = ("readout (mV)", "angular acc. (µrad s$^{-2}$)", "attitude (µrad)")
+@WORDS.figure("scale")
+def _swing_readings(panels, scaled):
     series = 1e3 * scaled.angular_volt.values, 1e6 * scaled.rate_dot_b.values, 1e6 * scaled.angle_b.values
-    figure, panels = grid(3, 1, 4.6, xlabel="time (s)", ylabels=labels, sharex=True, margins=WIDE)
-    for (panel,), values in zip(panels, series, strict=True):
+    for panel, values in zip(panels, series, strict=True):
         for axis, centred in zip("zyx", (values - np.nanmean(values, axis=0)).T[::-1], strict=True):
             panel.plot(_since(scaled), centred, label=axis, **AXIS[axis])
-    return figure
 
 
 def _since(product):
@@ -377,33 +311,24 @@ def _since(product):
     return product.time_bin.values - product.time_bin.values[0]
 
 
-@figure(
-    "scale",
-    caption="Measured minus predicted attitude, means of bins. The prediction integrates the readouts twice, their "
-    "noise too: it wanders by 0.1 to 1 mrad in minutes, and has that weight in the estimate.",
-)
-def _residuals(scaled):
-    labels = {"xlabel": "time (s)", "ylabels": ["residual (µrad)"], "titles": AXES}
-    figure, (panels,) = grid(1, 3, 2.0, sharey=True, margins=WIDE | {"wspace": 0.1}, **labels)
+@WORDS.figure("scale")
+def _residuals(panels, scaled):
     for axis, panel, residual in zip(AXES, panels, scaled.residual_b.values.T, strict=True):
         panel.plot(_since(scaled), 1e6 * residual, color=AXIS[axis]["color"], linewidth=0.7)
-    return figure
 
 
-@figure("scale", caption="Kalman filter against batch least squares.")
-def _convergence(scaled):
-    names = ("β$_x$ (rad s$^{-2}$ V$^{-1}$)", "β$_y$ (rad s$^{-2}$ V$^{-1}$)", "delay (s)")
-    return _converging(scaled, scaled.batch_value.values, names, 1.0)
+@WORDS.figure("scale")
+def _convergence(panels, scaled):
+    _converging(panels, scaled, scaled.batch_value.values, 1.0)
 
 
-@figure("offset", caption="Offset by the Kalman filter against batch least squares.")
-def _offset_convergence(moved):
-    return _converging(moved, moved.offset.values[0], [f"{axis} (µm)" for axis in AXES], 1e6)
+@WORDS.figure("offset")
+def _offset_convergence(panels, moved):
+    _converging(panels, moved, moved.offset.values[0], 1e6)
 
 
-def _converging(filtered, ends, names, factor):
+def _converging(panels, filtered, ends, factor):
     """Three estimates over time beside the values they end at; the scales are those of the later part."""
-    figure, (panels,) = grid(1, 3, 2.1, xlabel="time (s)", titles=names, margins=WIDE | {"wspace": 0.38})
     time = _since(filtered)
     late = time > 0.2 * time[-1]
     values, sigmas = factor * filtered.filter_value.values.T, factor * filtered.filter_sigma.values.T
@@ -414,59 +339,44 @@ def _converging(filtered, ends, names, factor):
         panel.axhline(end, color=COLOURS["black"], linewidth=0.7, linestyle="--", label="batch")
         reach = 1.3 * np.max(np.abs(value[late] - end) + sigma[late])
         panel.set_ylim(end - reach, end + reach)
-    return figure
 
 
-@figure("align", caption=f"Readouts before and after the CRN filter of the published method. {HANN} over the record.")
-def _filtering(aligned):
+@WORDS.figure("align")
+def _filtering(panels, aligned):
     step, before, after = filtered_readouts(aligned)
-    labels = {"xlabel": "frequency (Hz)", "ylabels": ["density (V Hz$^{-1/2}$)"]}
-    labels["titles"] = ("a$_x$", "angular x", "angular y")
-    figure, (panels,) = grid(1, 3, 2.2, sharey=True, margins=WIDE | {"wspace": 0.1}, **labels)
     for values, colour, label in ((before, "grey", "before"), (after, "vermilion", "after CRN")):
         frequency, amplitude = density([values - values.mean(axis=0)], step)
         for panel, column in zip(panels, (0, 3, 4), strict=True):
             panel.loglog(frequency, amplitude[:, column], color=COLOURS[colour], linewidth=0.7, label=label)
     panels[0].set_ylim(1e-9, 1e-1)
-    return figure
 
 
-@figure("offset", caption="Linear readings, slow part removed, and the term of the offset.")
-def _offset_readings(moved):
-    labels = [f"f$_{axis}$ (nm s$^{{-2}}$)" for axis in AXES]
-    figure, panels = grid(3, 1, 4.4, xlabel="time (s)", ylabels=labels, sharex=True, margins=WIDE)
-    for index, (panel,) in enumerate(panels):
-        reading, model = 1e9 * moved.reading.values[:, index], 1e9 * moved.model.values[:, index]
+@WORDS.figure("offset")
+def _offset_readings(panels, moved):
+    for panel, reading, model in zip(panels, 1e9 * moved.reading.values.T, 1e9 * moved.model.values.T, strict=True):
         panel.plot(_since(moved), reading, color=COLOURS["grey"], linewidth=0.6, label="reading")
         panel.plot(_since(moved), model, color=COLOURS["blue"], label="model")
-    return figure
 
 
-@figure("bias", caption="Bias of every segment and uniformity of the roll rate.")
-def _segments(biased):
-    names = [("b" if one else "b - a") + f"$_{axis}$" for one, axis in zip(biased.separable.values, AXES, strict=True)]
-    labels = [*(f"{name} (nm s$^{{-2}}$)" for name in names), "rate scatter (%)"]
-    titles = [f"minus {mean:.6e} m s$^{{-2}}$" for mean in biased.bias.values]
-    figure, panels = grid(4, 1, 5.6, xlabel="time (days)", ylabels=labels, titles=titles, sharex=True, margins=WIDE)
+@WORDS.figure("bias")
+def _segments(panels, biased):
     time = (biased.time_segment.values - biased.time_segment.values[0]) / 86400
-    used = biased.used.values.astype(bool)
+    used, separable = (biased[name].values.astype(bool) for name in ("used", "separable"))
     values = 1e9 * (biased.segment_bias.values - biased.bias.values).T
-    for (panel,), value, axis in zip(panels[:3], values, AXES, strict=True):
+    for k, (panel, value, axis) in enumerate(zip(panels[:3], values, AXES, strict=True)):
         panel.plot(time[~used], value[~used], "o", mfc="none", color=COLOURS["grey"], markersize=2.5, label="left out")
         panel.plot(time[used], value[used], ".", color=AXIS[axis]["color"], markersize=3, label="used")
         panel.axhline(0, color=COLOURS["black"], linewidth=0.7)
-        reach = 1.4 * np.max(np.abs(value[used]))
-        panel.set_ylim(-reach, reach)
-    panels[3, 0].semilogy(time, 100 * biased.uniformity.values, ".", color=COLOURS["black"], markersize=3)
-    return figure
+        reach, name = 1.4 * np.max(np.abs(value[used])), f"{'b' if separable[k] else 'b - a'}$_{axis}$"
+        title = f"minus {biased.bias.values[k]:.6e} m s$^{{-2}}$"
+        panel.set(ylim=(-reach, reach), ylabel=f"{name} (nm s$^{{-2}}$)", title=title)
+    panels[3].semilogy(time, 100 * biased.uniformity.values, ".", color=COLOURS["black"], markersize=3)
+    panels[3].set_ylabel("rate scatter (%)")
 
 
-@figure("bias", caption=f"Amplitude spectrum of z. {HANN} as long as a segment, median power of all.")
-def _z_spectrum(biased):
-    labels = {"xlabel": "frequency (Hz)", "ylabels": ["density (m s$^{-2}$ Hz$^{-1/2}$)"]}
-    figure, ((panel,),) = grid(1, 1, 2.6, margins=WIDE, **labels)
+@WORDS.figure("bias")
+def _z_spectrum(panel, biased):
     names = ("factor of the ground", "factor of the swing", "and motion, drag, trend taken off")
     for row, colour, name in zip(biased.density.values, ("grey", "sky", "vermilion"), names, strict=True):
         panel.loglog(biased.frequency.values, row, color=COLOURS[colour], label=name)
     panel.axhline(3e-9, color=COLOURS["black"], linewidth=0.7, linestyle="--", label="requirement")
-    return figure

@@ -1,7 +1,4 @@
-"""Report of a ranging calibration: its product, result document, files, and the page, section by section.
-
-Tables and figures follow Tables 4 to 8 and Figures 2 to 10 of 10.3390/rs14143395.
-"""
+"""Report of a ranging calibration: its product, result document, files, and the page, section by section."""
 
 import tempfile
 from dataclasses import replace
@@ -14,13 +11,13 @@ from gravcal.calibrations.kbr_phase_centre.checks import of_result
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, SCHEMAS, SUBSETS, middle
 from gravcal.calibrations.schemas import build
 from gravcal.io.vcm import commented, vector_line, write_vector_file
-from gravcal.report import documents, plain
-from gravcal.report.figures import COLOURS, HANN, bars, grid, opened, thinned
-from gravcal.report.pages import Section, Table, figure, page
+from gravcal.report import documents, pages, plain
+from gravcal.report.figures import COLOURS, bars, grid, opened, thinned
+from gravcal.report.pages import Section
 from gravcal.report.plain import NOT_DETERMINED, chi_square, gps_text, number, numbers, plus_minus, signed
 
+WORDS = pages.words(__file__, "page.toml")
 TITLES = {name: name.replace("_", " ") for name in OBSERVABLES}
-PRINTED_IN = {"ls": ("least squares", "Table 4"), "robust": ("robust, IGG-III", "Table 6")}
 UNITS = {"range": ("µm", 1e6), "range_rate": ("nm/s", 1e9), "range_acceleration": ("nm/s²", 1e9)}
 SHADE = {"color": COLOURS["yellow"], "alpha": 0.4, "linewidth": 0}
 ANGLES = {"pitch": COLOURS["blue"], "yaw": COLOURS["vermilion"]}
@@ -37,38 +34,6 @@ POINTS = {
     "one wiggle alone": {"color": COLOURS["vermilion"], "marker": "^"},
 }
 ARM = 1.444  # m, from the centre of mass to the phase centre: turns an error of y or z into one of direction
-ROUTINE = (
-    "Without wiggles x is not determined: its columns are constant but for the square of the pointing, a few "
-    "micrometres of range, and their sum is taken by the range bias; y and z are as good as the pointing moves and the "
-    "orbit is quiet at a few millihertz: gravcal run ranging. The antenna correction of a file repeats the vectors it "
-    "was computed with, not the true ones."
-)
-INDISTINGUISHABLE = [
-    {
-        "cause": "attitude.star_camera_misalignment",
-        "text": "A constant turn of the star camera frame against the SRF moves y and z by 1.444 m times the angle: "
-        "1.4 um per urad. y and z are relative to the frame of SCA1B.",
-    },
-    {
-        "cause": "ranging.multipath",
-        "text": "A part of the multipath that is proportional to the sine of an angle counts as y or z.",
-    },
-]
-PUBLISHED = (
-    "Method published, for comparison only: columns keep the level that detrending takes from the range, so x is short "
-    "by about 100 mm and y, z are shrunk; formal errors count samples as independent."
-)
-GEOMETRY = (
-    "y and z come from the wiggle itself and need both signs of the offset: then the errors of x cancel in them.",
-    "One-sided sets move y and z by tan(offset) times the error of their x; use both signs, or hold x at its "
-    "catalogue value.",
-    "x comes from the cosine, tan(offset) times the wiggle and its second harmonic, some twenty times weaker than y "
-    "and z; it is determined, but the direction is what ranging needs.",
-)
-ROBUST = (
-    "Robust weights do not sharpen Gaussian noise: the error given here is that of the scatter, the formal one is "
-    "too small."
-)
 
 
 def report(*products, event, settings, published, nominal_m):
@@ -90,7 +55,7 @@ def report(*products, event, settings, published, nominal_m):
     span = " to ".join(gps_text(document["record"][name]) for name in ("start", "stop"))
     subtitle = f"Record {span} GPS, satellites {' and '.join(document['pair'])}, {document['ranging']}, "
     subtitle += f"{len(document['manoeuvres'])} wiggles. Vectors from centre of mass to phase centre, in SRF."
-    files["report.html"] = page(
+    files["report.html"] = pages.page(
         document,
         sections(document, published),
         named,
@@ -111,11 +76,10 @@ def report(*products, event, settings, published, nominal_m):
 def sections(document, published):
     """Sections of the page of a judged document, beside the printed records of the catalogue."""
     if "satellites" not in document:
-        caption = "Pointing of the line of sight in both satellites: left the record, right a part of it."
-        return [Section("Pointing", figures=[replace(_angles, caption=caption)])]
+        return [Section("Pointing", figures=[replace(_angles, caption=WORDS.note("no_wiggle"))])]
     notes = list(document["trust"])
     if document["settings"].get("model"):
-        notes.append(f"A phase centre that moves is that at {gps_text(document['epoch'])}, the middle of the wiggles.")
+        notes.append(WORDS.note("moving", epoch=gps_text(document["epoch"])))
     notes += [one["text"] for one in document["indistinguishable_from_calibration"]]
     results = [_result_table(document, published, estimator) for estimator in ESTIMATORS]
     return [
@@ -142,7 +106,7 @@ def result(products, settings) -> dict:
     }
     if pointed.sizes["manoeuvre"]:
         return about | _determined(combined, pointed, settings)
-    reason = f"No wiggle in the pointing angles of either satellite: nothing to calibrate. {ROUTINE}"
+    reason = f"No wiggle in the pointing angles of either satellite: nothing to calibrate. {WORDS.note('routine')}"
     return about | {"status": "no_manoeuvre", "verdict": {"text": reason}, "manoeuvres": []}
 
 
@@ -163,7 +127,7 @@ def _determined(combined, pointed, settings):
         name: plain.chi_square_test(combined["arcs_chi2"].values[k], combined["arcs_dof"].values[k])
         for k, name in enumerate(OBSERVABLES)
     }
-    published = [PUBLISHED] if combined.attrs["method"] == "published" else []
+    published = [WORDS.note("published")] if combined.attrs["method"] == "published" else []
     one_sided = np.isfinite(_sigma_ratio(combined["covariance"].values[1, 0, 0], 0))
     # error of the mean of y and z as the scatter between sub-manoeuvres shows it
     satellite, axis = combined["satellite_index"].values, combined["axis_index"].values
@@ -182,7 +146,7 @@ def _determined(combined, pointed, settings):
         "adopted": {
             "observable": observable,
             "estimator": estimator,
-            "rule": "chosen by setting; range, rate and acceleration come from one phase and are not independent",
+            "rule": WORDS.note("adopted"),
             "satellites": adopted,
         },
         "manoeuvres": [_manoeuvre(combined, pointed, k) for k in range(pointed.sizes["manoeuvre"])],
@@ -190,8 +154,8 @@ def _determined(combined, pointed, settings):
         "geometry": _geometry(combined, pointed),
         "consistency": {"manoeuvres": tests, "scatter_between_manoeuvres_mm": scatter},
         "sigma0": {name: numbers(combined["sigma0"].values[k, 0]) for k, name in enumerate(OBSERVABLES)},
-        "trust": [*published, *(GEOMETRY if one_sided else ()), ROBUST],
-        "indistinguishable_from_calibration": INDISTINGUISHABLE,
+        "trust": [*published, *(WORDS.notes["geometry"] if one_sided else ()), WORDS.note("robust")],
+        "indistinguishable_from_calibration": WORDS.notes["indistinguishable"],
     }
 
 
@@ -332,7 +296,6 @@ def vector_files(document, date) -> dict[str, str]:
 
 
 def _result_table(document, published, estimator):
-    name, source = PRINTED_IN[estimator]
     known = {_place(one["labels"]): one for one in published.get(estimator, [])}
     rows = []
     for letter, blocks in document["satellites"].items():
@@ -345,12 +308,7 @@ def _result_table(document, published, estimator):
                 digits = 1 if value is not None and abs(value) >= 100 else 2
                 row.append(plus_minus(value, printed["sigma"][0], digits=digits) if printed else NOT_DETERMINED)
             rows.append(row)
-    caption = (
-        f"Phase centres by {name}, millimetres. Printed: 10.3390/rs14143395, {source}, September 2020; its range "
-        "columns were not detrended."
-    )
-    heads = ["mm"] + [head for title in TITLES.values() for head in (title, "printed")]
-    return Table(caption, heads, rows, reads=["combine"])
+    return WORDS.table(estimator, rows)
 
 
 def _place(labels):
@@ -371,11 +329,7 @@ def _subset_table(document, published):
                 value = plus_minus(block["phase_centre_mm"][k], block["sigma_mm"][k])
                 moved = [signed(one, 3) for one in (block["shift_mm"][k], block["predicted_shift_mm"][k], shift)]
                 rows.append([f"{name.replace('_x_fixed', ', x held')}, GRACE-{letter} {axis}", value, *moved])
-    caption = (
-        "One-sided sets, range rate, millimetres: shift against all wiggles, and tan(offset) times the shift of x; "
-        "with x held, by what the catalogue's x misses. Printed: Table 5 minus Table 4, range rate."
-    )
-    return Table(caption, ["set", "value", "shift", "predicted", "printed shift"], rows, reads=["combine"])
+    return WORDS.table("subsets", rows)
 
 
 def _geometry_table(document):
@@ -385,11 +339,7 @@ def _geometry_table(document):
         for name in own["condition"]["range"]
     ]
     ratio = ", ".join(signed(value, 4) for value in own["one_sided_sigma_ratio"]["positive"])
-    caption = (
-        "Condition number of the whitened, detrended columns. Error of y and z over that of x, positive only: "
-        f"{ratio}; tan of the offset angle: {signed(own['tan_offset'], 4)}."
-    )
-    return Table(caption, ["set", *TITLES.values()], rows, reads=["combine"])
+    return WORDS.table("geometry", rows, ratio=ratio, tan=signed(own["tan_offset"], 4))
 
 
 def _manoeuvre_table(document):
@@ -403,24 +353,14 @@ def _manoeuvre_table(document):
     scatter = document["consistency"]["scatter_between_manoeuvres_mm"]["range_rate"]
     spread = [f"{k} {axis} {signed(v, 4)}" for k, own in scatter.items() for axis, v in zip("yz", own[1:], strict=True)]
     agree = [f"{TITLES[name]} {chi_square(test)}" for name, test in document["consistency"]["manoeuvres"].items()]
-    caption = (
-        "Sub-manoeuvres found in the pointing angles, and the component each tells alone, millimetres. "
-        f"Disagreement, chi-square / degrees of freedom, probability: {'; '.join(agree)}. Error of the mean by the "
-        f"scatter between wiggles, range rate: {', '.join(spread)}."
-    )
-    heads = ["wiggle", "start, s", "length, s", "offset, °", "amplitude, °", "", *TITLES.values()]
-    return Table(caption, heads, rows, reads=["combine"])
+    return WORDS.table("manoeuvres", rows, agree="; ".join(agree), spread=", ".join(spread))
 
 
 def _noise_table(document):
     own = document["noise"]
     quiet, inside = own["quiet_um_rthz"], own["manoeuvres_um_rthz"]
     rows = [[f"{name[0]} mHz", signed(quiet[name], 2), signed(inside[name], 2)] for name in quiet]
-    caption = (
-        f"Noise of the range, µm/√Hz, from {own['source']} data of {own['seconds']:.0f} s. Star cameras as seen by the "
-        f"ranging in the wiggles: {signed(own['star_camera_urad_rthz_4_mhz'], 2)} µrad/√Hz at 4 mHz."
-    )
-    return Table(caption, ["frequency", "quiet", "in wiggles"], rows, reads=["noise"])
+    return WORDS.table("noise", rows, cameras=signed(own["star_camera_urad_rthz_4_mhz"], 2), **own)
 
 
 def _vector_table(document, published):
@@ -433,22 +373,16 @@ def _vector_table(document, published):
                 x, y, z = one["value"]
                 name = one["labels"]["solution"].replace("_", " ")
                 rows.append([f"GRACE-{letter}, {name}", signed(x, 1), signed(y / 1e3, 4), signed(z / 1e3, 4)])
-    caption = "Vectors in millimetres; printed: 10.3390/rs14143395, Tables 7 and 8."
-    return Table(caption, ["", "x", "y", "z"], rows, reads=["combine"])
+    return WORDS.table("vectors", rows)
 
 
 # Figures
 
 
-@figure(
-    "pointing",
-    caption="Pointing of the line of sight in both satellites: left the record, wiggles shaded; right the first wiggle "
-    "of each.",
-)
-def _angles(pointed):
+@WORDS.figure("pointing")
+def _angles(panels, pointed):
     time, angle = pointed["time"].values, np.degrees(pointed["angle"].values)
     spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
-    figure, panels = grid(2, 2, 3.8, width_ratios=(2, 1), margins={"wspace": 0.12, "hspace": 0.34})
     for k, (left, right) in enumerate(panels):
         own = spans[pointed["satellite_index"].values == k]
         left.set_title(f"GRACE-{pointed.attrs['satellites'][k]}, line of sight in the satellite, °")
@@ -462,14 +396,9 @@ def _angles(pointed):
             right.plot(since[near], angle[k, near, axis], color=colour, linewidth=0.8)
     left.set_xlabel("hours of the record")
     right.set_xlabel("s from the slew" if own.size else "s")
-    return figure
 
 
-@figure(
-    "solve.*",
-    caption="Ranging minus orbit and the fitted phase centres in one pitch and one yaw wiggle, slow part removed from "
-    "both; below, shifted down, their difference, magnified as the title says.",
-)
+@WORDS.figure("solve.*")
 def _series(solved):
     first = solved["range"]
     chosen = [np.flatnonzero(first["axis_index"].values == axis) for axis in (0, 1)]
@@ -496,39 +425,23 @@ def _series(solved):
     return figure
 
 
-@figure(
-    "solve.*",
-    caption="Density of ranging minus orbit in the wiggles, before and after the fit; dotted: 4 and 8 mHz, the wiggle "
-    f"and its second harmonic. {HANN} over each wiggle, mean power.",
-)
-def _spectra(solved):
+@WORDS.figure("solve.*")
+def _spectra(panels, solved):
     if not solved["range"]["time_kbr"].size:
-        return None
-    titles = [f"{TITLES[name]}, {UNITS[name][0]}/√Hz" for name in OBSERVABLES]
-    figure, (panels,) = grid(1, 3, 2.5, titles=titles, margins={"left": 0.065, "wspace": 0.24})
+        return
     for panel, name in zip(panels, OBSERVABLES, strict=True):
         one, factor = solved[name], UNITS[name][1] ** 2
         frequency = one["frequency"].values
         _density(panel, frequency, factor * one["spectrum_observed"].values, "ranging minus orbit", WIDE)
         _density(panel, frequency, factor * one["spectrum_residual"].values, "residual", RESIDUAL)
-    return figure
 
 
-@figure(
-    "noise",
-    caption="Noise of the range: quiet data, their model, and the residual in the wiggles, where the star camera adds "
-    f"its error times the tilt of the antenna. {HANN} over each stretch or wiggle, mean power.",
-)
-def _noise(measured):
-    figure, ((panel,),) = grid(1, 1, 2.4, titles=["noise, µm/√Hz"])
-    styles = {
-        "density": ("quiet data", WIDE),
-        "model": ("model", DASHED),
-        "in_manoeuvres": ("in the wiggles", RESIDUAL),
-    }
-    for name, (label, style) in styles.items():
-        _density(panel, measured["frequency"].values, 1e12 * measured[name].values, label, style)
-    return figure
+@WORDS.figure("noise")
+def _noise(panel, measured):
+    frequency = measured["frequency"].values
+    _density(panel, frequency, 1e12 * measured["density"].values, "quiet data", WIDE)
+    _density(panel, frequency, 1e12 * measured["model"].values, "model", DASHED)
+    _density(panel, frequency, 1e12 * measured["in_manoeuvres"].values, "in the wiggles", RESIDUAL)
 
 
 def _density(panel, frequency, power, label, style):
@@ -542,13 +455,8 @@ def _density(panel, frequency, power, label, style):
     panel.set(xlabel="Hz", xlim=(frequency[0], frequency[-1]))
 
 
-@figure(
-    "combine",
-    caption="y and z of both satellites: every observable by least squares and with robust weights, then each wiggle "
-    "alone; error bars one standard deviation, band the adopted value.",
-)
-def _estimates(document):
-    figure, panels = grid(2, 2, 4.2, margins={"wspace": 0.14, "hspace": 0.42, "bottom": 0.09})
+@WORDS.figure("combine")
+def _estimates(panels, document):
     for row, (letter, blocks) in zip(panels, document["satellites"].items(), strict=True):
         for panel, k in zip(row, (1, 2), strict=True):
             points, labels = [], ["range", "rate", "acceler-\nation"]
@@ -570,4 +478,3 @@ def _estimates(document):
                     bars(panel, [place], [centre], [error], label=kind, **POINTS[kind])
             panel.set_xticks(range(len(labels)), labels)
             panel.set(title=f"GRACE-{letter} {'xyz'[k]}, mm", xlim=(-0.6, len(labels) - 0.4))
-    return figure
