@@ -9,9 +9,9 @@ import xarray as xr
 from gravcal.calibrations import schemas
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.schemas import build
-from gravcal.report import documents
+from gravcal.report import pages
 from gravcal.report.figures import COLOURS, bars, grid
-from gravcal.report.pages import Section, Table, figure, page
+from gravcal.report.pages import Section, Table, figure
 from gravcal.report.plain import NOT_DETERMINED, gps_text, measured, numbers, prefixed
 from gravcal.store import results
 
@@ -57,8 +57,6 @@ def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tupl
     text = results.text(known[:SAID]) if known else "no parameter is determined"
     text += f", and {len(known) - SAID} more" if len(known) > SAID else ""
     body = {"status": "delivered", "verdict": {"text": f"{own.verdict}: {text}.{sentence}"}, "facts": facts}
-    about, checks = {"event": event, "settings": settings}, of_product(products["checks"])
-    made = documents.delivered(own.calibration, body | solved | more, products, checks, **about)
     stated = [[name.replace("_", " "), _short(value)] for name, value in facts.items()]
     shown = [
         Section("Result", [parameter_table(solved["parameters"], "estimate")], [by_part]),
@@ -66,8 +64,9 @@ def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tupl
         Section("Record", [Table("Facts of the record.", ["fact", "value"], stated)]),
     ]
     subtitle = f"From {gps_text(float(found['part_start'][0]))} GPS, {found.sizes['part']} parts."
-    files = {"result.json": documents.text(made)}
-    files["report.html"] = page(made, shown, products, heading=own.heading, subtitle=subtitle)
+    about = {"event": event, "settings": settings, "heading": own.heading, "subtitle": subtitle}
+    checks, found = of_product(products["checks"]), body | solved | more
+    _, files = pages.report(own.calibration, found, products, checks, lambda _: shown, **about)
     return build(schemas.of("shared.toml")["report"], {"delivered": 1}, event=event), files
 
 

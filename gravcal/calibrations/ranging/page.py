@@ -3,23 +3,12 @@
 import numpy as np
 
 from gravcal.calibrations.ranging.model import angles
-from gravcal.report.figures import COLOURS, HANN, bars, grid, opened, thinned
+from gravcal.report.figures import COLOURS, bars, opened, thinned
 from gravcal.report.named_parameters import Page
-from gravcal.report.pages import Section, Table, figure
+from gravcal.report.pages import Section, words
 
-NOTES = (
-    "Each block of a revolution has its own bias and slow orbit error; its noise is that of the day, with own levels "
-    "of orbit errors and of ranging; errors are wider by what columns moved by whole revolutions gain.",
-    "A phase centre is null where its error is larger than a wiggle would leave: routine pointing turns the line of "
-    "sight by milliradians and moves x by the square of that, far below the orbit errors. Phase centres are calibrated "
-    "by wiggles (kbr_phase_centre); here they show whether those of the catalogue still hold.",
-)
+WORDS = words(__file__, "page.toml")
 CORRECTIONS = ("none", "as_measured", "smoothed")
-SHARE = (
-    "The antenna correction is made of the pointing as star cameras measure it. The range shows how much of it is "
-    "motion; the star cameras themselves say what to expect: their spectrum above its floor. What is not motion is "
-    "noise that the correction adds to the range.",
-)
 
 
 def content(products):
@@ -33,16 +22,14 @@ def content(products):
         "pointing_scatter_mrad": (1e3 * angles(products["align"]).std(axis=0)).ravel().tolist(),
         "variance_at_wrong_times": found["excess"].values.tolist(),
     }
-    heads = ["band, mHz", "share in the range", "σ", "expected", "no correction", "as measured", "smoothed pointing"]
     rows = [
         ["{:g} to {:g}".format(*one["band_mhz"]), *(f"{one[n]:.2f}" for n in ("value", "sigma", "expected"))]
         + [f"{one['range_um'][name]:.2f}" for name in CORRECTIONS]
         for one in shares(found)
     ]
-    shown = Table("Share of the antenna correction, and the range with it, µm/√Hz.", heads, rows, reads=("estimate",))
     return facts, [
-        Section("Antenna correction", [shown], [_share], SHARE),
-        Section("Range", figures=[_range], notes=NOTES),
+        Section("Antenna correction", [WORDS.table("share", rows)], [_share], [WORDS.note("share")]),
+        Section("Range", figures=[_range], notes=WORDS.notes["range"]),
     ]
 
 
@@ -69,15 +56,9 @@ def more(products):
     return {"share": rows}, f" The range shows of the antenna correction {', '.join(said)} mHz."
 
 
-@figure(
-    "estimate",
-    "align",
-    caption="Share of the antenna correction that the range shows, and pointing with what is kept of it. "
-    f"{HANN} over the record, mean power in bands.",
-)
-def _share(found, aligned):
-    titles = ("share of the correction", "pointing, mrad/√Hz; points: kept")
-    figure, ((left, right),) = grid(1, 2, 2.4, xlabel="mHz", titles=titles, margins={"wspace": 0.3})
+@WORDS.figure("estimate", "align")
+def _share(panels, found, aligned):
+    left, right = panels
     edge, known = 1e3 * found["edge"].values, slice(1, None)
     middle = np.sqrt(edge[1:] * edge[:-1])[known]
     sigma = np.sqrt(np.diag(found["share_covariance"].values))[known]
@@ -96,21 +77,15 @@ def _share(found, aligned):
         right.loglog(frequency, np.where(kept > 0, kept, np.nan)[k, axis], color=colour, ls="", marker=".", ms=3)
     left.legend()
     right.legend()
-    return figure
 
 
-@figure(
-    "estimate",
-    caption="Range minus orbit without bias and slow orbit error, and what the phase centres make of it.",
-)
-def _range(found):
-    look = {"xlabel": "hours of the record", "titles": ("mm", "µm"), "margins": {"hspace": 0.3}}
-    figure, ((above,), (below,)) = grid(2, 1, 3.2, sharex=True, **look)
+@WORDS.figure("estimate")
+def _range(panels, found):
+    above, below = panels
     hours = (found["time"].values - found["time"].values[0]) / 3600
     residual, fitted = (opened(hours, found[name].values, 0.1) for name in ("residual", "fitted"))
     above.plot(*thinned(residual[0], 1e3 * residual[1]), color=COLOURS["sky"], label="ranging minus orbit")
     below.plot(*thinned(fitted[0], 1e6 * fitted[1]), color=COLOURS["vermilion"], label="phase centres")
-    return figure
 
 
 PAGE = Page(

@@ -12,30 +12,17 @@ from gravcal.calibrations.schemas import build
 from gravcal.estimation.quantities import result_of
 from gravcal.report import discovery, discovery_words, documents
 from gravcal.report.discovery import findings_table, tied_table
-from gravcal.report.figures import AXIS, COLOURS, grid, thinned
+from gravcal.report.figures import AXIS, COLOURS, thinned
 from gravcal.report.named_parameters import Page, document, parameter_table
-from gravcal.report.pages import Section, Table, figure, page
+from gravcal.report.pages import Section, page, words
 from gravcal.report.plain import number
 
+WORDS = words(__file__, "page.toml")
 TITLES = {"thrusters": "Star cameras and thrusters"}
-#: What each part was proven on.
-PROVEN = {
-    "accelerometer": "simulated days and ten seconds of measured ACC1A (GRACE-C, 2023-06-01), no whole measured day",
-    "magnetometer": "simulated days and minutes of measured MAG1B (GRACE and GRACE-FO), no whole measured day",
-    "thrusters": "simulated days and the measured day 2014-01-15 of GRACE, whose thruster table GRACE-FO is given",
-    "ranging": "simulated days and the measured day 2014-01-15 of GRACE",
-}
+PROVEN = WORDS.notes["proven"]
 #: Parts that say when records are of which the accelerometer is held against, their causes, and what is no lag, s.
 HOLDERS, LATE_S = ("magnetometer", "thrusters"), 10.0
 HELD = ("timing.star_camera_delay", "timing.magnetometer_delay", "timing.orbit_delay")
-NOTES = (
-    "Measured and simulated are shown less the slow part of the reading (drag, bias, aerodynamic torque), free "
-    "between knots. A pair of thrusters has a linear and an angular acceleration of its own while it is on; torquers "
-    "act by dipole x field, by their current and by its rate.",
-    "When a current changes between two records is not known, and what that leaves is among the transients. Heater "
-    "switching stands in no Level-1 product, and twangs of the foil answer to none: what exceeds noise and no "
-    "record explains is counted too: those that swing look like twangs, single spikes like heaters; none is fitted.",
-)
 #: Variables of the estimate of a part with what was measured and the same as simulated, and their unit.
 SERIES = {
     "accelerometer": ("measured", "fitted", ""),
@@ -60,7 +47,7 @@ def content(products):
         "transients_at_a_change_of_current": int(np.sum(rate[near] > 3 * np.sqrt(np.mean(rate**2)))),
     }
     facts |= thrust_and_inertia(found, aligned)
-    return facts, [Section("Accelerometer", figures=[_readings], notes=NOTES)]
+    return facts, [Section("Accelerometer", figures=[_readings], notes=WORDS.notes["accelerometer"])]
 
 
 def thrust_and_inertia(found, aligned) -> dict:
@@ -153,7 +140,7 @@ def _instrument(part, own, mine):
         ]
         for one in statistics
     ]
-    tables = [Table("Measured, and what the simulation leaves of it.", ["what", "rms", "rms left", "unit"], rows)]
+    tables = [WORDS.table("statistics", rows)]
     tables += [findings_table(numbers), tied_table(numbers)] if named else []
     tables += [parameter_table(known["parameters"], f"{part}.estimate"), *_placed(part, shown, "tables")]
     notes = [*(note for one in shown for note in one.notes), f"Proven on {PROVEN[part]}."]
@@ -249,18 +236,15 @@ def _statistics(part, mine):
     return [dict(zip(("what", "measured_rms", "residual_rms", "unit"), row, strict=True)) for row in rows]
 
 
-@figure("estimate", caption="Reading less its slow part (points), and what the causes make of it (line).")
-def _readings(found):
-    units = [(1e9, "nm s⁻²")] * 3 + [(1e6, "µrad s⁻²")] * 3
-    titles = [f"{name.replace('_', ' ')}, {unit}" for name, (_, unit) in zip(COMPONENTS, units, strict=True)]
-    figure, panels = grid(6, 1, 6.6, sharex=True, xlabel="minutes", titles=titles, margins={"hspace": 0.35})
+@WORDS.figure("estimate")
+def _readings(panels, found):
     minutes = (found["time"].values - found["time"].values[0]) / 60
     black = {"color": COLOURS["black"], "linewidth": 0.5, "label": "simulated"}
-    for c, ((panel,), (factor, _)) in enumerate(zip(panels, units, strict=True)):
+    for c, panel in enumerate(panels):
+        factor = 1e9 if c < 3 else 1e6
         own = AXIS["xyz"[c % 3]] | {"linewidth": 0.5, "label": "xyz"[c % 3]}
         panel.plot(*thinned(minutes, factor * found["measured"].values[:, c]), **own)
         panel.plot(*thinned(minutes, factor * found["fitted"].values[:, c]), **black)
-    return figure
 
 
 PAGE = Page("routine", "Accelerometer", "Accelerometer", ("estimate", "align", "checks"), content)

@@ -4,29 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 
-from gravcal.report.figures import COLOURS, grid
+from gravcal.report.figures import COLOURS
 from gravcal.report.named_parameters import Page, by_part, document, parameter_table
-from gravcal.report.pages import Section, figure
+from gravcal.report.pages import Section, words
 
-NOTES = (
-    "Gains are in units of lever arm x force x time on of the thruster table, with the moments of inertia of the "
-    "catalogue; control reacts to firings, and its torquers are not observed: a torque free to change every knot "
-    "stands for them, aerodynamics, radiation and gravity gradient.",
-    "The delay is that of the tags of the firings, positive where they are late. A delay of the star camera of the "
-    "other sign looks the same: only the difference shows.",
-)
-WRONG = (
-    "Noise is measured in stretches without firings, which are quieter than the rest of the day. What firings moved to "
-    "wrong times gain shows by how much: all variances are multiplied by it.",
-)
-HEADS = (
-    "Heads against each other: the bias is the turn of the SRF by a head, mounted as QSA1B says, against that by the "
-    "first. Noise is about the axes of each head, z its line of sight, as the root of a mean density: slow from 5 to "
-    "100 mHz, fast from there to Nyquist.",
-    "Two heads leave open what noise, the same about all axes, is of which: variances across the lines of sight are "
-    "then told apart by being positive and alike to a factor of 2.5, and have errors that say so. Of three heads each "
-    "is seen. Proven on simulated records: no measured day of SCA1A was at hand.",
-)
+WORDS = words(__file__, "page.toml")
 
 
 def content(products):
@@ -41,8 +23,8 @@ def content(products):
         "seconds": float(np.ptp(products["align"]["time"].values)),
     }
     return facts, [
-        Section("What is estimated", notes=NOTES),
-        Section("Errors", figures=[_wrong_times], notes=WRONG),
+        Section("What is estimated", notes=WORDS.notes["estimated"]),
+        Section("Errors", figures=[_wrong_times], notes=[WORDS.note("wrong_times")]),
         _heads(products),
     ]
 
@@ -54,7 +36,9 @@ def _heads(products):
         return Section("Heads of the star camera", notes=[f"Not determined: {told['said']}."])
     caption = "Heads of the star camera, with their errors by noise."
     tables = [replace(parameter_table(told["parameters"], "heads"), caption=caption)]
-    return Section("Heads of the star camera", tables, [replace(by_part, reads=["heads"])], [told["said"], *HEADS])
+    return Section(
+        "Heads of the star camera", tables, [replace(by_part, reads=["heads"])], [told["said"], *WORDS.notes["heads"]]
+    )
 
 
 def more(products):
@@ -69,18 +53,12 @@ def more(products):
     return {"heads": {"said": said} | document(found)}, ""
 
 
-@figure(
-    "estimate",
-    caption="Chi-square that firings gain at wrong times, three parameters each; the dashed line is their mean.",
-)
-def _wrong_times(found):
-    labels = {"xlabel": "shift of all firings, s", "ylabels": ["chi-square gained"]}
-    figure, ((panel,),) = grid(1, 1, 2.2, **labels)
+@WORDS.figure("estimate")
+def _wrong_times(panel, found):
     gained = found["shifted_gain"].values
     panel.stem(found["shift"].values, gained, linefmt=COLOURS["blue"], basefmt=" ", markerfmt="o")
     panel.axhline(gained.mean(), color=COLOURS["vermilion"], linestyle="--")
     panel.set_ylim(0, None)
-    return figure
 
 
 PAGE = Page(
