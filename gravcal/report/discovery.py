@@ -14,43 +14,14 @@ from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Reported
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages, plain
-from gravcal.report.figures import BARE, COLOURS, bars, grid, thinned
-from gravcal.report.pages import Figure, Section, Table, figure
+from gravcal.report.figures import COLOURS, bars, grid, thinned
+from gravcal.report.pages import Figure, Section, Table
 from gravcal.report.plain import NOT_DETERMINED, decimals, gps_text, plus_minus, probability, signed
 from gravcal.store.results import units
 
+WORDS = pages.words(__file__, "discovery.toml")
 WIDE = 3.0  # sigma of a result that contradicts nothing
 
-
-WRONG = (
-    "Every measured channel is predicted by the current model; what is left is divided by the noise as measured "
-    "outside the manoeuvres, so that a channel described to its noise has power 1 everywhere. The probability in the "
-    "verdict is that of the most unusual number among all channels, manoeuvres, bands, candidates, lines and steps, "
-    "set against noise drawn through the same fit."
-)
-CAUSE = (
-    "For each cause the gain in chi-square when it is added with all baseline parameters free. A cause is named only "
-    "if its chance, corrected for everything that was tried, is below the level, and if it also gains on data that it "
-    "was not fitted to: manoeuvres left out one by one, or every second stretch of time for what happens in one."
-)
-GAIN = (
-    "The result is estimated anew with the findings free, and averaged over what is tied with them; its error contains "
-    "theirs, and what a search cannot see of the catalogue at the price of its priors."
-)
-UNOBSERVABLE = (
-    "These causes look like the calibration parameters themselves; only other data or ground tests can exclude them."
-)
-NOTHING_HIDES = "No listed effect of plausible size could have moved the result without being seen."
-NO_LIMITS = (
-    "From which size on each effect would have been named is looked for on request (discover with its option limits)."
-)
-LIMITS = (
-    "Every effect of the catalogue was added to what the found model leaves of these very records, each parameter by "
-    "itself and with either sign, at signal-to-noise ratios from 3 to 60. Named means alone or in a tied set of three "
-    "at most. Sizes are scored with the products of the search; where a row says so, the search itself was asked at "
-    "the limit and, if it did not name it, up to 1.6 times above."
-)
-REBUILT = " The measured reading is that of the records without the findings, with these added in their linear form."
 LINES = {"baseline": {"color": COLOURS["vermilion"]}, "extended model": {"color": COLOURS["blue"]}}
 POINTS = {
     "baseline": LINES["baseline"] | {"marker": "o", "linestyle": "none"},
@@ -134,14 +105,15 @@ def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Sect
         for k in range(len(document["findings"])) or (-1,)  # of the least likely band
     ]
     causes = [findings_table(document), tied_table(document), weighed_table(document)]
-    cause = Section("The cause", causes, notes=[CAUSE])
+    cause = Section("The cause", causes, notes=[WORDS.note("cause")])
     hidden = [unobservable_table(document), limits_table(document)]
+    wrong = [f"{WORDS.note('wrong')} {reported.note}".strip()]
     return [
         *([Section("What was found", figures=here)] if any(one.caption for one in here) else []),
         *([cause] if document["findings"] else []),
-        Section("The result", [change_table(document), gain_table(document)], notes=[GAIN]),
+        Section("The result", [change_table(document), gain_table(document)], notes=[WORDS.note("gain")]),
         Section("What this event could not have shown", hidden, notes=not_shown(document)),
-        Section("What is left", [outlier_table(document)], [_power, _spectra], [f"{WRONG} {reported.note}".strip()]),
+        Section("What is left", [outlier_table(document)], [_power, _spectra], wrong),
         Section("What was tried", [tried_table(document)]),
     ]
 
@@ -149,13 +121,13 @@ def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Sect
 def not_shown(document: dict) -> list[str]:
     """Notes on what would have stayed unseen: by the detection limits where they were made, else by the search."""
     if "limits" not in document:
-        hidden = document["indistinguishable_from_calibration"]
-        return [UNOBSERVABLE if hidden else NOTHING_HIDES, NO_LIMITS]
+        hidden = "unobservable" if document["indistinguishable_from_calibration"] else "nothing_hides"
+        return [WORDS.note(hidden), WORDS.note("no_limits")]
     found = {one["cause"] for one in document["findings"]}  # free beside the others, so that nothing more of it shows
     never = [_named(one) for one in document["limits"] if one["size"] is None and one["cause"] not in found]
     large = [_named(one) for one in document["limits"] if (one["size"] or 0) > (one["prior"] or np.inf)]
     rows = ("At no size that was tried", never), ("Only if larger than is plausible", large)
-    return [f"{said}: {'; '.join(names)}." for said, names in rows if names] + [LIMITS]
+    return [f"{said}: {'; '.join(names)}." for said, names in rows if names] + [WORDS.note("limits")]
 
 
 def _named(one):
@@ -169,9 +141,7 @@ def outlier_table(numbers: dict) -> Table:
     for one in numbers.get("outliers", []):
         when = gps_text(one["time"], 1), f"{one['time']:.1f}"
         rows.append([one["block"], f"{one['channel']} {one['axis']}", *when, signed(one["sigma"], 0)])
-    heads = ["block", "channel", "epoch, GPS time", "GPS s", "residual over its error"]
-    caption = "Single samples that neither noise nor a listed effect explains, left out before the search."
-    return Table(caption, heads, rows, words=(0, 1))
+    return WORDS.table("outliers", rows)
 
 
 def findings_table(numbers: dict) -> Table:
@@ -182,9 +152,7 @@ def findings_table(numbers: dict) -> Table:
         gained = f"{one['heldout_gain']['in_sample_chi2']:.0f}", held, probability(one["significance"])
         rows.append([words.title(one["cause"]), one["form"] or "all parameters", *gained, "", ""])
         rows += parameter_rows(one["parameters"])
-    heads = ["cause", "form, parameter", "chi-square gained", "held out", "chance", "value", "unit"]
-    caption = "Findings, in the order they were named. Chance is corrected for everything that was tried."
-    return Table(caption, heads, rows, words=(0, 1, 5, 6), wide=True)
+    return WORDS.table("findings", rows)
 
 
 def parameter_rows(parameters: dict, of: str = "") -> list[list]:
@@ -207,17 +175,13 @@ def tied_table(numbers: dict) -> Table:
             pair = words.title(one["cause"]), f"{words.title(other['cause'])}{form}"
             best = other.get("best_block") or NOT_DETERMINED
             rows.append([*pair, f"{other['expected_chi2']:.1f}", best, "" if form else more])
-    heads = ["named", "fits as well", "expected chi-square between them", "tells most", "to tell them apart"]
-    return Table("Causes that this data does not tell apart.", heads, rows, words=(0, 1, 3, 4), wide=True)
+    return WORDS.table("tied", rows)
 
 
 def weighed_table(numbers: dict) -> Table:
     """Evidence of every cause in its best form, where it was weighed."""
     rows = [[words.title(r["cause"]), r["form"], f"{r['log_odds']:.1f}"] for r in numbers.get("weighed", [])]
-    caption = (
-        "Evidence: logarithm of the odds against none of them; 4.6 apart are odds of 100, below which two are tied."
-    )
-    return Table(caption, ["cause", "best form", "log odds"], rows, words=(0, 1))
+    return WORDS.table("weighed", rows)
 
 
 def change_table(numbers: dict) -> Table:
@@ -228,10 +192,8 @@ def change_table(numbers: dict) -> Table:
         pair = [plus_minus(one[w][k], one[f"sigma_{w}"][k]) for w in ("before", "after")]
         moved = signed(one["change"][k], decimals(one["sigma_after"][k])), signed(one["change_in_old_sigma"][k], 1)
         rows.append([name, *pair, unit, *moved])
-    heads = ["parameter", "before", "after", "unit", "change", "change over old error"]
-    caption = f"Calibration result ({one['variant']}); the error after holds that of the findings."
-    caption += f" What moves is given at {gps_text(one['epoch'])}." if "epoch" in one else ""
-    return Table(caption, heads, rows, words=(0, 3), wide=True)
+    moving = f" What moves is given at {gps_text(one['epoch'])}." if "epoch" in one else ""
+    return WORDS.table("change", rows, variant=one["variant"], moving=moving)
 
 
 def gain_table(numbers: dict) -> Table:
@@ -246,8 +208,7 @@ def gain_table(numbers: dict) -> Table:
     rows.append(["chi-square / degrees of freedom", *pair])
     rows.append(["held-out chi-square gained", "", f"{gain['heldout_chi2']:.0f}"])
     rows.append(["change of BIC, negative is better", "", signed(gain["bic_change"], 0)])
-    heads = ["rms of the whitened residual", "before", "after"]
-    return Table("Gain. A channel that is described to its noise has rms 1.", heads, rows, wide=True)
+    return WORDS.table("gain", rows)
 
 
 def unobservable_table(numbers: dict) -> Table:
@@ -264,12 +225,7 @@ def unobservable_table(numbers: dict) -> Table:
         said = f"drag {plain.quantity(max(drag), None, 'm s-2')}" if drag else moved
         held = ", ".join(f"{v:.2g} {unit}" for _, v, (_, _, unit) in each if v is not None)
         rows.append([words.title(one["cause"]), where, f"{one['signal_to_noise']:.1f}", said, held])
-    heads = ["cause", "direction, in units of a plausible size", "signal to noise", "moves", "in the error"]
-    caption = (
-        "Causes of a plausible size that would move the result without being seen; the largest three moves. The error "
-        "holds of each cause what those of its directions that are seen leave possible."
-    )
-    return Table(caption, heads, rows, words=(0, 1, 3, 4), wide=True)
+    return WORDS.table("unobservable", rows)
 
 
 def limits_table(numbers: dict) -> Table:
@@ -283,12 +239,7 @@ def limits_table(numbers: dict) -> Table:
         name = " ".join(part for part in (one["parameter"], one["form"]) if part)
         taken = ", ".join(map(words.title, one["confused_with"]))
         rows.append([words.title(one["cause"]), name, size, share, checked, move, taken])
-    heads = ["effect", "parameter", "named from", "over plausible size", "confirmed", "moves result", "taken for"]
-    caption = (
-        "Just missed, or of plausible size where it is not seen, an effect moves the result by so many sigma. What was "
-        "found is free beside all others and has no limit."
-    )
-    return Table(caption, heads, rows, words=(0, 1, 4, 6), wide=True)
+    return WORDS.table("limits", rows)
 
 
 def tried_table(numbers: dict) -> Table:
@@ -297,8 +248,7 @@ def tried_table(numbers: dict) -> Table:
     for one in numbers["tried"][:15]:
         gained = f"{one['chi2']:.1f}", str(one["parameters"]), probability(one["significance"])
         rows.append([words.title(one["cause"]), one["form"] or "all parameters", *gained])
-    heads = ["cause", "form", "chi-square gained", "parameters", "chance"]
-    return Table("First round: the best form of each cause.", heads, rows, words=(0, 1), wide=True)
+    return WORDS.table("tried", rows)
 
 
 def model_text(numbers: dict, event: str, given: str = "", result: dict | None = None) -> str:
@@ -327,7 +277,7 @@ def model_text(numbers: dict, event: str, given: str = "", result: dict | None =
     return toml.text(model, note) if effects else ""
 
 
-@figure("discovery", caption=f"Power of the residual over that of noise; four bands a manoeuvre. {BARE}.")
+@WORDS.figure("discovery")
 def _power(found):
     names = found.attrs["channels"].split()
     tested = [k for k in range(len(names)) if np.any(found["test_channel"].values == k)]
@@ -361,10 +311,7 @@ def _wide(panel):
         panel.set_yscale("log")
 
 
-@figure(
-    "discovery",
-    caption=f"Mean over manoeuvres and axes; the dashed line is noise. {BARE} of each, mean power in bands.",
-)
+@WORDS.figure("discovery")
 def _spectra(found):
     names = found.attrs["channels"].split()
     curves = {name: one for k, name in enumerate(names) if (one := _spectrum(found, k)) is not None}
@@ -503,10 +450,8 @@ def caption(found, number: int, readings_of: Mapping[str, str]) -> str:
     view, period = shown(found, number), fold(found, number)
     if view is None:
         return ""
-    one = view[0]
     what = f"Finding {number + 1}" if number >= 0 else "The least likely band"
-    said = f"{what}: {one['channel']} reading, {one['block']}."
-    said += f" Folded over {period:.4g} s, without what changes in longer times." if period else ""
-    said += " Above the reading, below what is measured less what either model simulates; bars: error of a mean."
-    said += readings_of.get(one["channel"], " Its mean is left out.")
-    return said + (REBUILT if "rebuilt" in found.attrs else "")
+    folded = f" Folded over {period:.4g} s, without what changes in longer times." if period else ""
+    own = readings_of.get(view[0]["channel"], " Its mean is left out.")
+    own += WORDS.note("rebuilt") if "rebuilt" in found.attrs else ""
+    return WORDS.note("reading", what=what, folded=folded, own=own, **view[0])
