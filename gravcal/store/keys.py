@@ -193,8 +193,8 @@ def versions():
 
 
 def forget():
-    """Look at the files again, as a new process would."""
-    for known in (_files, _bodies, _trees):
+    """Look at the files again, as a new process would; what is known of modules by their content stays."""
+    for known in (_files, _bodies):
         known.clear()
     for cached in (_module, _tree, _path, top_folder, _data_below, _data_file):
         cached.cache_clear()
