@@ -16,10 +16,11 @@ from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages
 from gravcal.report.discovery import parameter_rows
 from gravcal.report.figures import COLOURS, mark, over_time
-from gravcal.report.pages import Section, Table, figure
+from gravcal.report.pages import Section
 from gravcal.report.plain import EPOCH, as_plain, number, plus_minus, probability, quantity, signed
 from gravcal.store import product
 
+WORDS = pages.words(__file__, "joint.toml")
 AHEAD_S, STEP_S = 0.5 * YEAR_S, YEAR_S / 12
 CHANGED = 3.0  # errors of a change from which it is worth a note
 
@@ -176,17 +177,9 @@ def verdict(document) -> str:
     return text + (f" Contradicted by {', '.join(names)}." if names else "")
 
 
-SCOPES = {
-    "constant": "the same in all events",
-    "epochs": "another value after a change",
-    "event": "in one event alone",
-    "each": "different in each event",
-}
-
-
 def _scope(scope):
     """Scope of a law in words."""
-    return SCOPES.get(scope, f"follows {scope}")
+    return WORDS.notes["scopes"].get(scope, f"follows {scope}")
 
 
 def model_text(document, search, result) -> str:
@@ -296,8 +289,8 @@ def page(document, moves, history) -> str:
     made = [
         Section("How the calibration moves", [_motion_table(document), _event_table(document)], [drawn]),
         Section("Causes that events share", [_cause_table(document), _apart_table(document)]),
-        Section("Ties", [_tie_table(document)], notes=[TIES]),
-        Section("Contradictions", [_contradiction_table(document)], notes=[ALONE]),
+        Section("Ties", [_tie_table(document)], notes=[WORDS.note("ties")]),
+        Section("Contradictions", [_contradiction_table(document)], notes=[WORDS.note("alone")]),
     ]
     made = [one for one in made[0 if moves else 1 :] if any(table.rows for table in one.tables)]
     count = f"{len(document['events'])} events of satellite {document['satellite']}, level {document['level']}"
@@ -306,7 +299,7 @@ def page(document, moves, history) -> str:
     return pages.page(document, made, {}, heading="What many events say together", subtitle="; ".join([count, *told]))
 
 
-@figure(caption="Values of all events, prediction and printed values. Dashed: trims; dotted: steps that were found.")
+@WORDS.figure()
 def _motion_figure(document, moves, history):
     events, printed = document["events"], history["printed"]
     known = [one["time"] for one in (*events, *printed)]
@@ -334,8 +327,8 @@ def _event_table(document):
         cells = [text for v, s, a, b in pairs for text in (plus_minus(v, s), plus_minus(a, b))]
         rows.append([day(one["time"]), one["event"], *cells, ", ".join(signed(v, 1) for v in one["left_out"])])
     names = [f"{name}{which}" for name in document["parameters"] for which in ("", ", alone")]
-    caption = f"Values in {document['unit']} with the causes below, and alone without any. Left out: by all others."
-    return Table(caption, ["date", "event", *names, "over error, left out"], rows, words=(0, 1), wide=True)
+    heads = ["date", "event", *names, "over error, left out"]
+    return WORDS.table("events", rows, heads=heads, unit=document["unit"])
 
 
 def _motion_table(document):
@@ -348,8 +341,7 @@ def _motion_table(document):
             rows.append([None, what, s["date"], plus_minus(s["value"], s["sigma"]), ""])
         for cause, v in (one["follows"] or {}).items():
             rows.append([None, f"per unit of {cause}", "", plus_minus(**v) if v else "none seen", ""])
-    heads = ["parameter", "", "date", f"value ({document['unit']})", "walk in a root of a year"]
-    return Table("How the calibration moves from event to event.", heads, rows, words=(0, 1, 2), wide=True)
+    return WORDS.table("motion", rows, unit=document["unit"])
 
 
 def _cause_table(document):
@@ -360,9 +352,7 @@ def _cause_table(document):
         rows.append([words.title(one["cause"]), *told])
         for values in one["values"]:
             rows += parameter_rows(values["parameters"], f", {values['of']}")
-    heads = ["cause", "scope, parameter", "chi-square gained", "events left out", "chance", "value", "unit"]
-    caption = f"Causes as they were named; {document['tried']} laws were tried in a round."
-    return Table(caption, heads, rows, words=(0, 1, 5, 6), wide=True)
+    return WORDS.table("causes", rows, tried=document["tried"])
 
 
 def _apart_table(document):
@@ -373,9 +363,7 @@ def _apart_table(document):
         for own in one["by_event"]:
             known = [(name, quantity(**p)) for name, p in own["parameters"].items() if p["value"] is not None]
             rows += [[None, f"{own['event']} {name}", told, ""] for name, told in known]
-    heads = ["cause", "event by itself", "value", "chi-square of one value for all"]
-    caption = "Each cause in each event by itself, beside the others."
-    return Table(caption, heads, rows, words=(0, 1, 2), wide=True)
+    return WORDS.table("apart", rows)
 
 
 def _tie_table(document):
@@ -384,8 +372,7 @@ def _tie_table(document):
          f"{t['observed']:.1f}", "tied" if t["tied"] else f"broken by {t['event']}"]
         for one in document["causes"] for t in one["separation"]
     ]  # fmt: skip
-    heads = ["named", "beside", "best single event", "all events", "odds", ""]
-    return Table("Expected chi-square between two causes.", heads, rows, words=(0, 1, 5), wide=True)
+    return WORDS.table("ties", rows)
 
 
 def _contradiction_table(document):
@@ -393,12 +380,4 @@ def _contradiction_table(document):
         [one["event"], one.get("parameter", "causes"), f"{one['chi2']:.1f}", str(one["dof"]), probability(one["p"])]
         for one in document["contradicting"]
     ]
-    heads = ["event", "of", "chi-square", "degrees of freedom", "chance"]
-    return Table("Events that all others do not foretell.", heads, rows, words=(0, 1), wide=True)
-
-
-TIES = (
-    "Two causes are told apart if the chi-square expected between them and twice the logarithm of their odds in these "
-    "data both exceed the limit of ties. The event named preferred the one to the other most."
-)
-ALONE = "Such an event has values of its own for every cause, so that it moves none of the others."
+    return WORDS.table("contradictions", rows)

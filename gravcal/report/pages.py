@@ -72,11 +72,13 @@ class Words:
     notes: Mapping[str, str]  #: everything else
 
     def table(self, name: str, rows: Sequence[Sequence], **values) -> Table:
-        """Table of these rows; values are fields of the table, or fill its caption."""
+        """Table of these rows; values are fields of the table, or fill its caption and heads."""
         fields = self.tables[name] | {key: one for key, one in values.items() if key in Table.__dataclass_fields__}
-        strong = fields.get("strong")
-        at = None if strong is None else strong % max(len(rows), 1)
-        return Table(**fields | {"caption": _filled(fields["caption"], values), "rows": rows, "strong": at})
+        fields["caption"] = _filled(fields["caption"], values)
+        fields["heads"] = [_filled(head, values) for head in fields["heads"]]
+        if fields.get("strong") is not None:
+            fields["strong"] %= max(len(rows), 1)
+        return Table(rows=rows, **fields)
 
     def figure(self, *reads: str) -> Callable[[Callable], Figure]:
         """Decorator: a function that draws into panels, one Axes or an array of them, as the `Figure` of its name.

@@ -494,8 +494,7 @@ def _agreement_table(document):
     named = {f"manoeuvres, {name}": one for name, one in tests["manoeuvres"]["by_variant"].items()}
     named |= {"acc and sca": tests["variants"], "mtq and acc, within catalogue error": tests["catalogue"]}
     rows = [[name, chi_square(one, False), plain.probability(one["p"]), one["verdict"]] for name, one in named.items()]
-    heads = [*WORDS.tables["agreement"]["heads"][:3], f"verdict at {tests['level']:g}"]
-    return WORDS.table("agreement", rows, heads=heads)
+    return WORDS.table("agreement", rows, level=tests["level"])
 
 
 def _field_table(document):
