@@ -137,11 +137,7 @@ def _named(one):
 
 def outlier_table(numbers: dict) -> Table:
     """Isolated samples that were left out before the search."""
-    rows = []
-    for one in numbers.get("outliers", []):
-        when = gps_text(one["time"], 1), f"{one['time']:.1f}"
-        rows.append([one["block"], f"{one['channel']} {one['axis']}", *when, signed(one["sigma"], 0)])
-    return WORDS.table("outliers", rows)
+    return WORDS.table("outliers", numbers.get("outliers", []))
 
 
 def findings_table(numbers: dict) -> Table:
@@ -180,8 +176,7 @@ def tied_table(numbers: dict) -> Table:
 
 def weighed_table(numbers: dict) -> Table:
     """Evidence of every cause in its best form, where it was weighed."""
-    rows = [[words.title(r["cause"]), r["form"], f"{r['log_odds']:.1f}"] for r in numbers.get("weighed", [])]
-    return WORDS.table("weighed", rows)
+    return WORDS.table("weighed", [one | {"title": words.title(one["cause"])} for one in numbers.get("weighed", [])])
 
 
 def change_table(numbers: dict) -> Table:
@@ -244,11 +239,7 @@ def limits_table(numbers: dict) -> Table:
 
 def tried_table(numbers: dict) -> Table:
     """What else was tried in the first round, best first."""
-    rows = []
-    for one in numbers["tried"][:15]:
-        gained = f"{one['chi2']:.1f}", str(one["parameters"]), probability(one["significance"])
-        rows.append([words.title(one["cause"]), one["form"] or "all parameters", *gained])
-    return WORDS.table("tried", rows)
+    return WORDS.table("tried", [one | {"title": words.title(one["cause"])} for one in numbers["tried"][:15]])
 
 
 def model_text(numbers: dict, event: str, given: str = "", result: dict | None = None) -> str:

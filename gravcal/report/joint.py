@@ -286,11 +286,18 @@ def _values(document):
 def page(document, moves, history) -> str:
     """Page of a joint search."""
     drawn = replace(_motion_figure, arguments=(document, moves, history))
+    ties = [
+        tie | {"named": words.title(one["cause"]), "beside": words.title(tie["cause"])}
+        for one in document["causes"]
+        for tie in one["separation"]
+    ]
     made = [
         Section("How the calibration moves", [_motion_table(document), _event_table(document)], [drawn]),
         Section("Causes that events share", [_cause_table(document), _apart_table(document)]),
-        Section("Ties", [_tie_table(document)], notes=[WORDS.note("ties")]),
-        Section("Contradictions", [_contradiction_table(document)], notes=[WORDS.note("alone")]),
+        Section("Ties", [WORDS.table("ties", ties)], notes=[WORDS.note("ties")]),
+        Section(
+            "Contradictions", [WORDS.table("contradictions", document["contradicting"])], notes=[WORDS.note("alone")]
+        ),
     ]
     made = [one for one in made[0 if moves else 1 :] if any(table.rows for table in one.tables)]
     count = f"{len(document['events'])} events of satellite {document['satellite']}, level {document['level']}"
@@ -364,20 +371,3 @@ def _apart_table(document):
             known = [(name, quantity(**p)) for name, p in own["parameters"].items() if p["value"] is not None]
             rows += [[None, f"{own['event']} {name}", told, ""] for name, told in known]
     return WORDS.table("apart", rows)
-
-
-def _tie_table(document):
-    rows = [
-        [words.title(one["cause"]), words.title(t["cause"]), f"{t['single']:.1f}", f"{t['expected_chi2']:.1f}",
-         f"{t['observed']:.1f}", "tied" if t["tied"] else f"broken by {t['event']}"]
-        for one in document["causes"] for t in one["separation"]
-    ]  # fmt: skip
-    return WORDS.table("ties", rows)
-
-
-def _contradiction_table(document):
-    rows = [
-        [one["event"], one.get("parameter", "causes"), f"{one['chi2']:.1f}", str(one["dof"]), probability(one["p"])]
-        for one in document["contradicting"]
-    ]
-    return WORDS.table("contradictions", rows)

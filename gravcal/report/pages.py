@@ -29,7 +29,7 @@ from pathlib import Path
 import jinja2
 import numpy as np
 
-from gravcal.report import documents
+from gravcal.report import documents, plain
 from gravcal.report.figures import BARE, HANN, grid, image
 
 
@@ -66,14 +66,20 @@ def figure(*reads: str, caption: str) -> Callable[[Callable], Figure]:
 class Words:
     """What a page says in words, as its TOML file has it, in tables by name; texts may hold {names} to be filled in."""
 
-    tables: Mapping[str, Mapping]  #: fields of a `Table` but for its rows; of `strong` -1 is the last row
+    #: fields of a `Table` but for its rows; of `strong` -1 is the last row. In place of heads there may be columns,
+    #: [head, expression] each: cells are Jinja expressions of the entries of a record, with the `FORMS` as filters
+    tables: Mapping[str, Mapping]
     #: caption; "panels" = [rows, columns] and arguments of `grid` where these do not depend on the data
     figures: Mapping[str, Mapping]
     notes: Mapping[str, str]  #: everything else
 
-    def table(self, name: str, rows: Sequence[Sequence], **values) -> Table:
-        """Table of these rows; values are fields of the table, or fill its caption and heads."""
+    def table(self, name: str, rows: Sequence[Sequence | Mapping], **values) -> Table:
+        """Table of these rows, records where there are columns; values are its fields, or fill caption and heads."""
         fields = self.tables[name] | {key: one for key, one in values.items() if key in Table.__dataclass_fields__}
+        if "columns" in fields:
+            fields["heads"], cells = zip(*fields.pop("columns"), strict=True)
+            cells = [FORMS.compile_expression(cell, undefined_to_none=False) for cell in cells]
+            rows = [[cell(one) for cell in cells] for one in rows]
         fields["caption"] = _filled(fields["caption"], values)
         fields["heads"] = [_filled(head, values) for head in fields["heads"]]
         if fields.get("strong") is not None:
@@ -106,6 +112,10 @@ class Words:
     def note(self, name: str, **values) -> str:
         """Text with values filled in."""
         return _filled(self.notes[name], values)
+
+
+FORMS = jinja2.Environment(undefined=jinja2.StrictUndefined)
+FORMS.filters |= {name: getattr(plain, name) for name in plain.FORMS}
 
 
 def _filled(text, values):
@@ -216,8 +226,8 @@ def _source(document, reads):
 def true_units(text: str) -> str:
     """Text of the terminal with the signs that a page can show."""
     signs = {"+-": "±", " um": " µm", " urad": " µrad", " -": " −", "m/s2": "m/s²", "m s-2": "m s⁻²"}
-    for plain, sign in signs.items():
-        text = text.replace(plain, sign)
+    for typed, sign in signs.items():
+        text = text.replace(typed, sign)
     return text
 
 

@@ -86,6 +86,8 @@ def gps_text(seconds, digits=0):
 
 
 NOT_DETERMINED = "–"
+#: Functions that make text of a number, or of more, for the columns of tables.
+FORMS = ("signed", "scientific", "plus_minus", "both", "printed", "probability", "chi_square", "gps_text", "quantity")
 
 
 def signed(value, digits):
@@ -106,6 +108,17 @@ def plus_minus(value, sigma, total=None, digits=None):
         digits = 1 if sigma >= 1 else 2 if sigma >= 0.1 else 3
     tail = f" ({total:.{digits}f})" if total is not None else ""
     return f"{signed(value, digits)} ± {sigma:.{digits}f}{tail}"
+
+
+def both(estimate, digits=None, index=None):
+    """Value with its error of an {"value", "sigma"}, of one component of vectors."""
+    value, sigma = (estimate[key] if index is None else estimate[key][index] for key in ("value", "sigma"))
+    return plus_minus(value, sigma, digits=digits)
+
+
+def scientific(value, digits=2):
+    """Number with a power of ten; what is None is not determined."""
+    return NOT_DETERMINED if value is None else f"{value:.{digits}e}"
 
 
 def printed(record, index):

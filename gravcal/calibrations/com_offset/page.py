@@ -476,31 +476,23 @@ def _instrument_table(document):
         "angular_scale": document["scales"]["angular"],
         "attitude_rms_urad": document["attitude"]["rms_urad"],
     }
-    rows = []
-    labels = [f"{index} {one['kind']}" for index, one in enumerate(document["manoeuvres"], start=1)]
-    for label, one in zip([*labels, "all; tags late"], [*document["manoeuvres"], every], strict=True):
-        late = [plus_minus(**one[name], digits=3) for name in ("acc_shift_s", "sca_shift_s")]
-        scales = [
-            plus_minus(value, sigma, digits=digits)
-            for name, digits in (("torque_scale", 3), ("angular_scale", 4))
-            for value, sigma in zip(one[name]["value"], one[name]["sigma"], strict=True)
-        ]
-        rows.append([label, *late, *scales, ", ".join(signed(rms, 1) for rms in one["attitude_rms_urad"])])
-    return WORDS.table("instruments", rows)
+    rows = [one | {"label": f"{index} {one['kind']}"} for index, one in enumerate(document["manoeuvres"], start=1)]
+    return WORDS.table("instruments", [*rows, every | {"label": "all; tags late"}])
 
 
 def _agreement_table(document):
     tests = document["consistency"]
     named = {f"manoeuvres, {name}": one for name, one in tests["manoeuvres"]["by_variant"].items()}
     named |= {"acc and sca": tests["variants"], "mtq and acc, within catalogue error": tests["catalogue"]}
-    rows = [[name, chi_square(one, False), plain.probability(one["p"]), one["verdict"]] for name, one in named.items()]
+    rows = [{"name": name, "test": one} for name, one in named.items()]
     return WORDS.table("agreement", rows, level=tests["level"])
 
 
 def _field_table(document):
     check = document["field_check"]
-    names = {"bias": "bias_nt", "rms": "rms_nt", "largest": "max_nt"}
-    rows = [[word, *(signed(value, 0) for value in check[name])] for word, name in names.items()]
+    rows = [
+        {"name": word, "nt": check[f"{key}_nt"]} for word, key in (("bias", "bias"), ("rms", "rms"), ("largest", "max"))
+    ]
     return WORDS.table("field", rows, **check)
 
 

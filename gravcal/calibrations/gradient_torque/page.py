@@ -9,7 +9,7 @@ from gravcal.calibrations.schemas import build
 from gravcal.report import pages
 from gravcal.report.figures import COLOURS
 from gravcal.report.pages import Section
-from gravcal.report.plain import AXES, NOT_DETERMINED, gps_text, number, numbers
+from gravcal.report.plain import AXES, gps_text, number, numbers
 from gravcal.store import product
 
 WORDS = pages.words(__file__, "page.toml")
@@ -151,24 +151,15 @@ def _sections(document):
     ]
 
 
-def _short(value, form=".2e"):
-    return NOT_DETERMINED if value is None else format(value, form)
-
-
 def _methods_table(document):
-    keys = ("rms_error", "rms_error_without_noise", "rms_error_bare_reading", "sigma_rms", "sigma_total_rms")
-    printed = f"{float(document['settings']['requirement_m_s2']):.0e}"
-    rows = []
-    for name, block in document["drag"].items():
-        row = [WORDS.notes["methods"][name], *(_short(block[key]) for key in keys)]
-        order = NOT_DETERMINED if name == "one_sensor" else printed
-        rows.append([*row, _short(block["error_over_sigma"], ".3f"), order])
+    limit, names = f"{float(document['settings']['requirement_m_s2']):.0e}", WORDS.notes["methods"]
+    rows = [one | {"name": names[name], "limit": limit, "key": name} for name, one in document["drag"].items()]
     return WORDS.table("methods", rows)
 
 
 def _budget_table(document):
     rows = [
-        [WORDS.notes["methods"][name], source, *map(_short, values)]
+        {"method": WORDS.notes["methods"][name], "cause": source, "sigma": values}
         for name, block in document["drag"].items()
         for source, values in block["budget"].items()
     ]
@@ -177,18 +168,15 @@ def _budget_table(document):
 
 def _knowledge_tables(document):
     own = document["identifiability"]
-    rows = [[k["known"], k["rank"], k["unknowns"], *map(_short, k["drag_sigma"])] for k in own["knowledge"]]
     null = [[f"{v:+.2f}" for v in vector] for vector in own["null_space"]["vectors"]]
-    return [WORDS.table("knowledge", rows), WORDS.table("null", null, heads=own["null_space"]["unknowns"], **own)]
+    knowledge = WORDS.table("knowledge", own["knowledge"])
+    return [knowledge, WORDS.table("null", null, heads=own["null_space"]["unknowns"], **own)]
 
 
 def _pressure_table(document):
     """What panels say of the centre of pressure, and what the torque balance of the record does."""
-    panels, balance = (document.get(name, {}) for name in ("panel_pressure_m", "centre_of_pressure_m"))
-    rows = []
-    for k, axis in enumerate(AXES):
-        sums = [f"{values[k]:+.4f}" for values in panels.values()]
-        rows.append([axis, *sums, *(_short(balance[key][k] if balance else None, ".4f") for key in BALANCE)])
+    balance = document.get("centre_of_pressure_m") or dict.fromkeys(BALANCE, (None,) * 3)
+    rows = [{"k": k, "axis": axis, **document["panel_pressure_m"], **balance} for k, axis in enumerate(AXES)]
     return WORDS.table("pressure", rows)
 
 

@@ -240,11 +240,9 @@ def _measured(own):
 
 
 def _arms(document):
-    rows = []
-    for name, one in document["swing"]["arms"].items():
-        used = " (used)" if abs(float(name[:-3]) - document["swing"]["arm_x_mm"]) < 1e-6 else ""
-        rows.append([f"{name}{used}", _measured(one["x"]), _measured(one["z"])])
-    return WORDS.table("arms", rows)
+    used = f"{document['swing']['arm_x_mm']:.2f} mm"
+    arms = {name + " (used)" * (name == used): one for name, one in document["swing"]["arms"].items()}
+    return WORDS.table("arms", [[name, _measured(one["x"]), _measured(one["z"])] for name, one in arms.items()])
 
 
 def _factor_budget(document):

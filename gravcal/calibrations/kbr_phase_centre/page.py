@@ -343,23 +343,17 @@ def _geometry_table(document):
 
 
 def _manoeuvre_table(document):
-    rows = []
-    for one in document["manoeuvres"]:
-        span = one["start"] - document["record"]["start"], one["stop"] - one["start"]
-        angles = signed(one["offset_deg"], 2), signed(one["amplitude_deg"], 2)
-        found = [plus_minus(**own, digits=4) for own in one["estimates_mm"].values()]
-        label = f"{one['satellite']} {one['kind']}"
-        rows.append([label, *(f"{seconds:.0f}" for seconds in span), *angles, one["component"], *found])
     scatter = document["consistency"]["scatter_between_manoeuvres_mm"]["range_rate"]
     spread = [f"{k} {axis} {signed(v, 4)}" for k, own in scatter.items() for axis, v in zip("yz", own[1:], strict=True)]
     agree = [f"{TITLES[name]} {chi_square(test)}" for name, test in document["consistency"]["manoeuvres"].items()]
+    rows = [one | {"begin": document["record"]["start"]} for one in document["manoeuvres"]]
     return WORDS.table("manoeuvres", rows, agree="; ".join(agree), spread=", ".join(spread))
 
 
 def _noise_table(document):
     own = document["noise"]
-    quiet, inside = own["quiet_um_rthz"], own["manoeuvres_um_rthz"]
-    rows = [[f"{name[0]} mHz", signed(quiet[name], 2), signed(inside[name], 2)] for name in quiet]
+    pairs = zip(own["quiet_um_rthz"].items(), own["manoeuvres_um_rthz"].values(), strict=True)
+    rows = [{"name": name, "quiet": quiet, "inside": inside} for (name, quiet), inside in pairs]
     return WORDS.table("noise", rows, cameras=signed(own["star_camera_urad_rthz_4_mhz"], 2), **own)
 
 

@@ -22,13 +22,8 @@ def content(products):
         "pointing_scatter_mrad": (1e3 * angles(products["align"]).std(axis=0)).ravel().tolist(),
         "variance_at_wrong_times": found["excess"].values.tolist(),
     }
-    rows = [
-        ["{:g} to {:g}".format(*one["band_mhz"]), *(f"{one[n]:.2f}" for n in ("value", "sigma", "expected"))]
-        + [f"{one['range_um'][name]:.2f}" for name in CORRECTIONS]
-        for one in shares(found)
-    ]
     return facts, [
-        Section("Antenna correction", [WORDS.table("share", rows)], [_share], [WORDS.note("share")]),
+        Section("Antenna correction", [WORDS.table("share", shares(found))], [_share], [WORDS.note("share")]),
         Section("Range", figures=[_range], notes=WORDS.notes["range"]),
     ]
 

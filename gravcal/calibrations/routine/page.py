@@ -132,15 +132,7 @@ def _instrument(part, own, mine):
     said = f"{part}: {told}" + (", and more is left than noise" if adequate is False else "")
     made = {"status": "fitted", "said": said, "proven_on": PROVEN[part], "statistics": statistics, "causes": named}
     made |= {"adequate": adequate, "p_before": numbers.get("p_before"), "p_after": numbers.get("p_after")}
-    rows = [
-        [
-            one["what"],
-            *("" if v is None else f"{v:.3g}" for v in (one["measured_rms"], one["residual_rms"])),
-            one["unit"],
-        ]
-        for one in statistics
-    ]
-    tables = [WORDS.table("statistics", rows)]
+    tables = [WORDS.table("statistics", statistics)]
     tables += [findings_table(numbers), tied_table(numbers)] if named else []
     tables += [parameter_table(known["parameters"], f"{part}.estimate"), *_placed(part, shown, "tables")]
     notes = [*(note for one in shown for note in one.notes), f"Proven on {PROVEN[part]}."]
