@@ -9,7 +9,6 @@ import datetime
 import functools
 import hashlib
 import ipaddress
-import json
 import netrc
 import os
 import re
@@ -27,7 +26,6 @@ import urllib3
 
 from gravcal.errors import CatalogError, GravcalError, ProductError, refuse
 from gravcal.io.archive import members, opened
-from gravcal.store import location
 
 LAYOUTS = tomllib.loads(Path(__file__).with_name("archives.toml").read_text(encoding="utf-8"))
 ISDC = "https://isdc-data.gfz.de"
@@ -49,6 +47,7 @@ LOGIN = (
     "also takes EARTHDATA_USERNAME and EARTHDATA_PASSWORD, or EARTHDATA_TOKEN; other servers take "
     "GRAVCAL_FETCH_USERNAME and GRAVCAL_FETCH_PASSWORD), or use --from isdc, which asks for none."
 )
+UNCHECKED = ("MAG", "SOE")  # levels whose files show no damage by themselves: they are not resumed in another run
 WHOLE_ATTEMPTS = 3  # whole transfers that may arrive with wrong bytes
 CHUNK = 1 << 16
 REDIRECTS = 10  # Earthdata needs four
@@ -219,6 +218,8 @@ def _one(session, archive, out, place, patience, progress):
         with contextlib.suppress(ProductError):
             digest = _md5_of(beside.read_text(), archive.name) if beside.is_file() else None
             return Fetched(path, "there", _check(archive, path, digest), path.stat().st_size)
+    if archive.level in UNCHECKED or part.is_symlink():  # somebody else's link is not followed
+        part.unlink(missing_ok=True)
     for url in addresses(archive, place):
         for attempt in range(WHOLE_ATTEMPTS):
             try:
@@ -227,7 +228,7 @@ def _one(session, archive, out, place, patience, progress):
                 try:
                     checked = _check(archive, part, digest)
                 except ProductError:
-                    _discard(part)
+                    part.unlink()
                     if attempt == WHOLE_ATTEMPTS - 1:
                         raise
                     continue
@@ -237,7 +238,6 @@ def _one(session, archive, out, place, patience, progress):
                 if digest:
                     beside.write_text(f"{digest}  {path.name}\n")
                 part.replace(path)
-                _discard(part)
                 return Fetched(path, "fetched", checked, path.stat().st_size)
             except Missing:
                 break
@@ -290,7 +290,7 @@ def _check(archive, path, digest):
         expected, fits = "lines of events", re.match(rb"(#.*\n|\s)*(x\s+)?[-+.0-9eE]+\s+GRACE", start) is not None
     if not fits:
         refuse(archive.name, "something else, perhaps a web page", expected, f"Check your login. {remedy}")
-    if archive.level in ("MAG", "SOE"):
+    if archive.level in UNCHECKED:
         return "md5" if digest else f"first bytes: {expected}"
     if digest and not archive.digests:
         return "md5"
@@ -311,23 +311,16 @@ def _check(archive, path, digest):
 
 
 def _download(session, url, part, patience, listener):
-    """Bring a file, from where an earlier attempt broke off; what it is of stands in a note beside it."""
-    if _note(part).get("url") != url:
-        _discard(part)
+    """Bring a file, from where an earlier attempt broke off; that both parts are of one file its check shows."""
 
     def attempt():
-        have, note = _size(part), _note(part)
+        have = _size(part)
         headers = {"Range": f"bytes={have}-"} if have else {}
-        headers |= {"If-Range": note["validator"]} if have and note.get("validator") else {}
-        if have and have == note.get("total"):
-            return
         with _ask(session, url, headers, patience) as response:
             if response.status_code == 416:
-                _discard(part)
+                part.unlink()
                 raise Interrupted("the server does not know the part that is missing")
             start, total = _extent(response, have, part)
-            note = {"url": url, "validator": _validator(response), "total": total}
-            _note_path(part).write_text(json.dumps(note))
             descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666)
             with os.fdopen(descriptor, "wb") as stream:
                 stream.truncate(start)
@@ -418,9 +411,8 @@ def _extent(response, have, part):
         length = response.headers.get("Content-Length", "")
         return 0, int(length) if length.isdigit() else None
     given = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", response.headers.get("Content-Range", "").strip())
-    known = _note(part).get("validator")
-    if not given or int(given[1]) != have or (known and _validator(response) not in (None, known)):
-        _discard(part)
+    if not given or int(given[1]) != have:
+        part.unlink()
         raise Interrupted("the server sent another part than was asked for")
     return have, None if given[2] == "*" else int(given[2])
 
@@ -443,28 +435,8 @@ def _chunks(response, patience, limit):
         yield chunk
 
 
-def _validator(response):
-    """What tells whether the file is still the same, or None."""
-    tag = response.headers.get("ETag")
-    return tag if tag and not tag.startswith("W/") else response.headers.get("Last-Modified")
-
-
 def _size(part):
     return part.stat().st_size if part.exists() else 0
-
-
-def _discard(part):
-    part.unlink(missing_ok=True)
-    _note_path(part).unlink(missing_ok=True)
-
-
-def _note_path(part):
-    return part.with_name(f"{part.name}.json")
-
-
-def _note(part):
-    """What is known of the file a part is of: address, validator, size."""
-    return location.read_json(_note_path(part)) or {}
 
 
 def shown(url):
