@@ -5,7 +5,6 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-import xarray as xr
 from scipy.interpolate import make_interp_spline
 from scipy.optimize import curve_fit
 
@@ -313,16 +312,3 @@ def _orbit(pair, k, chosen, rng):
     error = (np.stack([radial, along, np.cross(radial, along)], axis=2) @ local[:, :, None])[:, :, 0]
     state = state + np.concatenate([error, np.gradient(error, time, axis=0)], axis=1)
     return sensors.orbit_columns(time, state, chosen.orbit_product)
-
-
-def ingested(columns: Mapping) -> dict[tuple[str, str], xr.Dataset]:
-    """Columns of `simulate` as the readers would return the files, {(product, letter): Dataset}."""
-    found = {}
-    for (product, letter), values in columns.items():
-        second = np.asarray(values["gps_time"])
-        blank = np.zeros(second.size, dtype=np.uint8)
-        record = {"qualflg": blank, "flag": blank} | dict(values)
-        record |= {"time_second": second, "time_fraction": np.zeros(second.size), "time_tag": second.astype(float)}
-        attrs = {"product": product, "satellite": letter, "file": f"{product} of {letter}"}
-        found[product, letter] = xr.Dataset({n: ("record", v) for n, v in record.items()}, attrs=attrs)
-    return found

@@ -4,6 +4,7 @@ from functools import lru_cache
 from types import SimpleNamespace
 
 import numpy as np
+import xarray as xr
 
 from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre.model import OBSERVABLES
@@ -27,10 +28,23 @@ def simulated(seed=1, settings=(), noiseless=False, effects=()):
     return simulation.simulate("CD", chosen, DAY, seed, {slug: dict(given) for slug, given in effects})
 
 
+def ingested(columns):
+    """Columns of a simulation as the readers would return the files, {(product, letter): Dataset}."""
+    found = {}
+    for (product, letter), values in columns.items():
+        second = np.asarray(values["gps_time"])
+        blank = np.zeros(second.size, dtype=np.uint8)
+        record = {"qualflg": blank, "flag": blank} | dict(values)
+        record |= {"time_second": second, "time_fraction": np.zeros(second.size), "time_tag": second.astype(float)}
+        attrs = {"product": product, "satellite": letter, "file": f"{product} of {letter}"}
+        found[product, letter] = xr.Dataset({n: ("record", v) for n, v in record.items()}, attrs=attrs)
+    return found
+
+
 def process(columns, orbit="GNI1B", **settings):
     """All products of one campaign."""
     chosen = catalog.parameters("kbr_phase_centre").with_settings(settings)
-    observed = simulation.ingested(columns)
+    observed = ingested(columns)
     files = [("KBR1B", "Y"), (orbit, "C"), (orbit, "D"), ("SCA1B", "C"), ("SCA1B", "D")]
     aligned = stages.align(*(observed[name] for name in files), **chosen.for_stage("align"))
     pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), nominal_m=NOMINAL, given=())

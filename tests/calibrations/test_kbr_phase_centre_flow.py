@@ -7,7 +7,7 @@ import commands
 import numpy as np
 import pytest
 from commands import gravcal
-from kbr_campaign import NOMINAL, process, simulated
+from kbr_campaign import NOMINAL, ingested, process, simulated
 from numpy.testing import assert_allclose
 
 from flows import engine, kbr_phase_centre
@@ -18,7 +18,6 @@ from gravcal.calibrations.kbr_phase_centre import checks
 from gravcal.calibrations.kbr_phase_centre.page import vector_files
 from gravcal.errors import GravcalError, NoDataError, ProductError
 from gravcal.io import archive, vcm, writers
-from gravcal.simulation import kbr_phase_centre as simulation
 from tasks import kbr_phase_centre as stages
 from tasks.stage import read
 
@@ -163,7 +162,7 @@ def changed(files, change):
 def failed(columns):
     """Names of the checks of the inputs that fail."""
     chosen, given = catalog.parameters("kbr_phase_centre"), {"nominal_m": NOMINAL}
-    observed = simulation.ingested(columns)
+    observed = ingested(columns)
     names = [("KBR1B", "Y"), ("GNI1B", "C"), ("GNI1B", "D"), ("SCA1B", "C"), ("SCA1B", "D")]
     aligned = stages.align(*(observed[name] for name in names), **chosen.for_stage("align"))
     pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), **given, given=())
