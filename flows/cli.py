@@ -422,7 +422,7 @@ def show(product, json) -> None:
 @command_of(products)
 def verify(json) -> None:
     """Compare every product with its record, bytes and content; exit code 1 if one differs."""
-    with output.waiting("verifying"):
+    with output.progress("verifying"):
         problems = housekeeping.verify()
     count = len(housekeeping.folders())
     rows = [{"folder": str(folder), "problem": problem} for folder, problem in problems]
@@ -514,7 +514,7 @@ def rebuild(product, json) -> None:
     """Make a product again from its raw files, in a store of its own, and compare."""
     entry = housekeeping.resolve(product)
     made_of = store.ancestry(entry.ref.key).values()
-    with output.waiting("rebuilding", sum(record["seconds"] for record in made_of if record)):
+    with output.progress("rebuilding", sum(record["seconds"] for record in made_of if record)):
         outcome = remake(entry)
     if output.delivered(outcome, json):
         rows = [[one["stage"], one["verdict"], one["why"]] for one in outcome["stages"]]

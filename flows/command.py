@@ -199,7 +199,7 @@ def simulate(calibration, out, seed_truth, effects, settings):
         strengths = {name: float(value) for name, value in pairs(effects).items()}
     except ValueError as error:
         raise typer.BadParameter(f"--effect: {error}; expected SLUG.PARAMETER=NUMBER") from error
-    with output.waiting(f"simulating {calibration}"):
+    with output.progress(f"simulating {calibration}"):
         return record(calibration).simulate(out, seed=seed, truth=truth, effects=strengths, settings=pairs(settings))
 
 

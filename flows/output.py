@@ -375,8 +375,9 @@ def _bars(*columns, **options):
 
 
 @contextlib.contextmanager
-def progress(title):
-    """Listener that shows the stages done; None without a terminal."""
+def progress(title, usual_s=None):
+    """Listener that shows stages done, and the time beside that which is usual; None without a terminal."""
+    title = f"{title}, about {usual_s:.0f} s" if usual_s else title
     with _bars("SpinnerColumn", "{task.description}", "{task.fields[said]}", "TimeElapsedColumn") as bars:
         if bars is None:
             yield None
@@ -389,15 +390,6 @@ def progress(title):
             bars.update(row, said=said)
 
         yield listener
-
-
-@contextlib.contextmanager
-def waiting(title, usual_s=None):
-    """Time that passes in work that has no parts, beside what it usually takes, if there is a terminal."""
-    with _bars("SpinnerColumn", "{task.description}", "TimeElapsedColumn") as bars:
-        if bars is not None:
-            bars.add_task(f"{title}, about {usual_s:.0f} s" if usual_s else title, total=None)
-        yield
 
 
 @contextlib.contextmanager

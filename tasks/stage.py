@@ -101,8 +101,8 @@ def stage(*, reads, writes, version, also=()):
     return decorate
 
 
-class _Lazy:
-    """A module that is imported when something of it is asked for."""
+class lazy:
+    """Stand-in for a module, imported at its first use, so that plans and cached runs stay quick."""
 
     def __init__(self, name):
         self._name = name
@@ -110,11 +110,6 @@ class _Lazy:
     def __getattr__(self, attribute):
         """Attribute of the module."""
         return getattr(importlib.import_module(self._name), attribute)
-
-
-def lazy(name):
-    """Stand-in for a module, imported at its first use, so that plans and cached runs stay quick."""
-    return _Lazy(name)
 
 
 @contextlib.contextmanager

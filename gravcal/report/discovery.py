@@ -14,23 +14,15 @@ from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Reported
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages, plain
-from gravcal.report.figures import COLOURS, bars, grid, thinned
+from gravcal.report.figures import bars, grid, thinned
 from gravcal.report.pages import Figure, Section, Table
 from gravcal.report.plain import NOT_DETERMINED, decimals, gps_text, plus_minus, probability, signed
 from gravcal.store.results import units
 
 WORDS = pages.words(__file__, "discovery.toml")
 WIDE = 3.0  # sigma of a result that contradicts nothing
-
-LINES = {"baseline": {"color": COLOURS["vermilion"]}, "extended model": {"color": COLOURS["blue"]}}
-POINTS = {
-    "baseline": LINES["baseline"] | {"marker": "o", "linestyle": "none"},
-    "extended model": LINES["extended model"] | {"marker": "s", "linestyle": "none", "markerfacecolor": "none"},
-}
-NOISE = {"color": COLOURS["black"], "linewidth": 0.6, "linestyle": "--"}
-MEASURED = {"color": COLOURS["black"], "label": "measured"}
-SIMULATED = LINES["baseline"] | {"label": "simulated without it"}
-EXTENDED = LINES["extended model"] | {"label": "extended model"}
+STYLES = WORDS.styles
+LINES, NOISE = STYLES["lines"], STYLES["noise"]
 SIDES = ("measured", "simulated", "extended")
 BINS = 24  # of a spectrum
 PHASES, STRETCHES = 40, 90  # bins of a period, and of a record
@@ -282,16 +274,12 @@ def _power(found):
         here = found["test_channel"].values == k
         place = blocks[here] + 1 + (bands[here] - 1.5) * 0.18
         panel.axhline(1.0, label="noise", **NOISE)
-        for which, (name, style) in zip(("before", "after"), POINTS.items(), strict=True):
+        for which, (name, style) in zip(("before", "after"), STYLES["points"].items(), strict=True):
             panel.plot(place, found[f"power_{which}"].values[here], label=name, markersize=size, **style)
         _wide(panel)
-    places, named = (
-        range(each, int(blocks.max()) + 2, each),
-        dict(enumerate(found.attrs["blocks"].split(", "), start=1)),
-    )
-    named = {
-        k: name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(k) for k, name in named.items()
-    }
+    named = enumerate(found.attrs["blocks"].split(", "), start=1)
+    named = {k: name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(k) for k, name in named}
+    places = range(each, int(blocks.max()) + 2, each)
     panel.set_xticks(places, [named[k] for k in places])
     return drawn
 
@@ -399,13 +387,13 @@ def reading(found, number: int):
     one, time, curves = view
     curves = {side: _quick(time, v, period) for side, v in curves.items()} if period else curves
     measured = curves["measured"]
-    models = [(curves["simulated"], SIMULATED), (curves["extended"], EXTENDED)]
+    models = [(curves["simulated"], STYLES["simulated"]), (curves["extended"], STYLES["extended"])]
     models = [model for model in models if np.isfinite(model[0]).any()]
     place, index = _places(time, models[-1][0] - (models[0][0] if len(models) > 1 else measured), period)
     whole = found[f"{one['channel']}_measured"]
     axis = f" {'xyz'[one['axis']]}" if whole.shape[1] > 1 else ""
     rows = {
-        f"{one['channel']}{axis}": [*models, (measured, MEASURED)],
+        f"{one['channel']}{axis}": [*models, (measured, STYLES["measured"])],
         "difference": [(measured - values, style) for values, style in models],
     }
     along = "time from the first sample (s)" if period is None else "phase (s)"
@@ -415,9 +403,9 @@ def reading(found, number: int):
         factor, unit = plain.prefixed(max(float(mean["mean"].abs().max()) for mean, _ in means), whole.attrs["units"])
         for mean, style in means:
             value, error = (factor * mean[name].to_numpy() for name in ("mean", "sem"))
-            if place.size < time.size and (label == "difference" or style is MEASURED):
+            if place.size < time.size and (label == "difference" or style is STYLES["measured"]):
                 small = {"marker": ".", "markersize": 3.5, "elinewidth": 0.6, "capsize": 0}
-                bars(panel, place, value, None if style is MEASURED else error, **style, **small)
+                bars(panel, place, value, None if style is STYLES["measured"] else error, **style, **small)
             else:
                 panel.plot(*thinned(place, value), **style)
         panel.set_ylabel(f"{label} ({unit})")

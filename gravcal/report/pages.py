@@ -30,7 +30,7 @@ import jinja2
 import numpy as np
 
 from gravcal.report import documents, plain
-from gravcal.report.figures import BARE, HANN, grid, image
+from gravcal.report.figures import BARE, COLOURS, HANN, grid, image
 
 
 @dataclass(frozen=True)
@@ -71,6 +71,7 @@ class Words:
     tables: Mapping[str, Mapping]
     #: caption; "panels" = [rows, columns] and arguments of `grid` where these do not depend on the data
     figures: Mapping[str, Mapping]
+    styles: Mapping[str, Mapping]  #: arguments of what is drawn, colours by their names in `COLOURS`
     notes: Mapping[str, str]  #: everything else
 
     def table(self, name: str, rows: Sequence[Sequence | Mapping], **values) -> Table:
@@ -126,7 +127,14 @@ def _filled(text, values):
 def words(module: str, name: str) -> Words:
     """Words of a page, from the file of that name beside a module."""
     content = tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8"))
-    return Words(*(content.get(part, {}) for part in ("tables", "figures", "notes")))
+    content["styles"] = _coloured(content.get("styles", {}))
+    return Words(*(content.get(part, {}) for part in ("tables", "figures", "styles", "notes")))
+
+
+def _coloured(style):
+    """Style, or styles in a table, with colours in place of their names."""
+    plain_ones = {name: COLOURS.get(one, one) for name, one in style.items() if not isinstance(one, dict)}
+    return plain_ones | {name: _coloured(one) for name, one in style.items() if isinstance(one, dict)}
 
 
 @dataclass(frozen=True)
@@ -157,7 +165,6 @@ def page(
     *,
     heading: str,
     subtitle: str = "",
-    verdict: str = "",
     good: bool | None = None,
     badges: Sequence[tuple] = (),
     lines: tuple[str, str] | None = None,
@@ -166,7 +173,7 @@ def page(
 
     Products are {stage or "stage.variant": Dataset or None}, badges (title, good, text) each, lines title and
     text of what was delivered in a file of its own. The heading says what was calibrated, the subtitle what was looked
-    at; the verdict is that of the document if empty, good None where that is not asked.
+    at, good is None where that is not asked.
     """
     numbers = itertools.count(1)
     shown = [_shown(section, document, products, numbers) for section in sections]
@@ -174,7 +181,7 @@ def page(
         "page.html",
         document=document,
         heading=heading,
-        verdict=true_units(verdict or document["verdict"]["text"]),
+        verdict=true_units(document["verdict"]["text"]),
         mood=MOODS[good],
         subtitle=subtitle,
         badges=[

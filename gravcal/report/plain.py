@@ -31,17 +31,18 @@ def estimate(value, sigma):
     return {"value": numbers(np.where(known, value, np.nan)), "sigma": numbers(np.where(known, sigma, np.nan))}
 
 
-def offset_block(offset, covariance, determined):
-    """Offset (3,) m with its covariance (3, 3) m2 as micrometres; undetermined components are null everywhere."""
-    offset, matrix = np.asarray(offset, dtype=float) * 1e6, np.asarray(covariance, dtype=float) * 1e12
+def offset_block(offset, covariance, determined, name="offset", unit="um"):
+    """Vector (3,) m with its covariance (3, 3) m2 in another unit; undetermined components are null everywhere."""
+    factor = {"um": 1e6, "mm": 1e3}[unit]
+    offset, matrix = (np.asarray(one, dtype=float) * factor**power for one, power in ((offset, 1), (covariance, 2)))
     variance = np.diag(matrix)
     known = np.asarray(determined, dtype=bool) & np.isfinite(offset) & np.isfinite(variance) & (variance >= 0)
     both = known[:, None] & known[None, :]
     matrix = np.where(both & np.isfinite(matrix), (matrix + matrix.T) / 2, np.nan)
     return {
-        "offset_um": numbers(np.where(known, offset, np.nan)),
-        "sigma_um": numbers(np.sqrt(np.where(known, variance, np.nan))),
-        "covariance_um2": numbers(matrix),
+        f"{name}_{unit}": numbers(np.where(known, offset, np.nan)),
+        f"sigma_{unit}": numbers(np.sqrt(np.where(known, variance, np.nan))),
+        f"covariance_{unit}2": numbers(matrix),
     }
 
 

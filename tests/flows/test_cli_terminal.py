@@ -133,7 +133,7 @@ def test_a_real_bash_completes(tmp_path):
 
 def test_progress_counts_what_was_made_and_is_silent_in_a_pipe(pipeline, monkeypatch, capsys):
     """Contract: on a terminal every listener takes what it is told; elsewhere there is none."""
-    with output.progress("fake") as listener, output.waiting("work"), output.bytes_progress() as archives:
+    with output.progress("fake") as listener, output.progress("work"), output.bytes_progress() as archives:
         assert listener is archives is None
     assert capsys.readouterr().err == ""
     monkeypatch.setattr(sys, "stderr", Terminal())
@@ -141,7 +141,7 @@ def test_progress_counts_what_was_made_and_is_silent_in_a_pipe(pipeline, monkeyp
         flow = pipeline.module("flow").calibrate
         engine.run(flow, pipeline.file(), pipeline.chosen, engine="inline", listener=listener)
     assert "4 made, 0 reused, last " in sys.stderr.said
-    with output.waiting("work", 30.0), output.events_progress(2) as events, output.bytes_progress() as archives:
+    with output.progress("work", 30.0), output.events_progress(2) as events, output.bytes_progress() as archives:
         events({"status": "failed"})
         archives("one.tgz", 10, 20)
     assert "work, about 30 s" in sys.stderr.said

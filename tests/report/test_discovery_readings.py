@@ -84,9 +84,9 @@ def test_the_caption_says_what_the_reading_is():
     one = pages.Figure(lambda given: discovery.reading(given, 0), ("discovery",), discovery.caption(product, 0, {}))
     assert "Folded" not in one.caption
     document = {"provenance": {}, "calibration": "case", "event": "case", "origin": "measured", "checks": []}
-    document |= {"configuration": "operational", "status": "delivered", "settings": {"level": 1}}
+    document |= {"configuration": "operational", "status": "delivered", "settings": {}, "verdict": {"text": "Case."}}
     sections = [pages.Section("The findings", figures=[one])]
-    text = pages.page(document, sections, {"discovery": product}, heading="Case", verdict="Case.")
+    text = pages.page(document, sections, {"discovery": product}, heading="Case")
     assert "<img" in text
 
 

@@ -16,20 +16,8 @@ from gravcal.report.pages import Section
 from gravcal.report.plain import AXES, chi_square, gps_text, number, numbers, plus_minus, signed
 
 WORDS = pages.words(__file__, "page.toml")
-
-#: The four angular accelerations, told apart by colour, by line and by point.
-VARIANTS = {
-    "mtq": {"color": COLOURS["black"], "marker": "o"},
-    "acc_calibrated": {"color": COLOURS["vermilion"], "marker": "s"},
-    "acc": {"color": COLOURS["sky"], "marker": "^", "linestyle": "--"},
-    "sca": {"color": COLOURS["purple"], "marker": "D", "linestyle": "-."},
-}
-WIDTHS = {"mtq": 2.4, "acc_calibrated": 1.1, "acc": 0.9, "sca": 1.0}  # wide below, thin above: all four are seen
-LINEAR = {
-    "measured": {"color": COLOURS["sky"], "linewidth": 1.4},
-    "model": {"color": COLOURS["black"], "linewidth": 0.6},
-    "difference, shifted": {"color": COLOURS["vermilion"], "linewidth": 0.6},
-}
+STYLES = WORDS.styles
+VARIANTS = STYLES["variants"]  # the four angular accelerations, told apart by colour, by line and by point
 FROM_EDGE = "time from the first edge (s)"
 PERIOD_S = 12.0
 SPREAD = 0.24  # of the angular accelerations about the place of their manoeuvre
@@ -546,7 +534,7 @@ def _linear_accelerations(solved, detected):
             reading, model = (1e9 * solved[name].values[own, axis] for name in ("reading", "model"))
             size = max(np.abs(reading).max(), np.abs(model).max(), 1e-3)
             curves = (reading, model, reading - model - 1.3 * size)
-            _stacked(panel, row, time[own] - start, curves, LINEAR, size=size)
+            _stacked(panel, row, time[own] - start, curves, STYLES["linear"], size=size)
     return figure
 
 
@@ -618,7 +606,7 @@ def _angular_accelerations(angular, detected):
         for name in [name for name in VARIANTS if name in angular]:
             values = 1e6 * angular[name]["rate_dot_b"].values[inside, axis]
             series[name] = values - (np.nanmean(values) if np.isfinite(values).any() else 0.0)
-            style = VARIANTS[name] | {"marker": "", "linewidth": WIDTHS[name], "label": name}
+            style = VARIANTS[name] | {"marker": "", "linewidth": STYLES["widths"][name], "label": name}
             left.plot(since[shown], series[name][shown], **style)
             if name != "mtq":
                 difference = series[name] - series["mtq"]

@@ -15,12 +15,7 @@ from gravcal.store import product
 WORDS = pages.words(__file__, "page.toml")
 GROUPS = ((1, 5), (6, 11), (12, 17), (18, 23))  # S-GRS paper, figures 4 to 7
 CYCLE = ("blue", "vermilion", "green", "purple", "orange", "sky")
-#: Colour and label of the methods, what is drawn first below.
-STYLES = {
-    "one_sensor_published": ("grey", "one sensor, printed"),
-    "two_sensor": ("blue", "two sensors"),
-    "one_sensor": ("vermilion", "one sensor"),
-}
+STYLES = WORDS.styles["methods"]  # what is drawn first below
 #: Numbers of a method in the document, and the variable of the combination that holds each.
 METHOD = {
     "rms_error": "error_rms",
@@ -233,14 +228,15 @@ def _errors(panels, combined):
     middle = [1e3 * frequency[inside].mean() for inside in bins]
     line_hz = 3 * frequency[0]  # a density over it is the squared amplitude of a line under a Hann window
     for panel, key in zip(panels, ("error", "clean_error"), strict=True):
-        curves = [("black", "drag as estimated", combined["drag_amplitude"].values)]
-        for name, (colour, label) in STYLES.items():
+        curves = [(WORDS.styles["drag"], combined["drag_amplitude"].values)]
+        for name, style in STYLES.items():
             if name in names:
-                curves.append((colour, f"error, {label}", combined[f"{key}_amplitude"].values[names.index(name)]))
-        for colour, label, amplitude in curves:
+                own = style | {"label": f"error, {style['label']}"}
+                curves.append((own, combined[f"{key}_amplitude"].values[names.index(name)]))
+        for style, amplitude in curves:
             power = np.sum(amplitude**2, axis=0)
             density = [np.sqrt(power[inside].mean() / line_hz) for inside in bins]
-            panel.loglog(middle, np.maximum(density, 1e-30), color=COLOURS[colour], label=label)
+            panel.loglog(middle, np.maximum(density, 1e-30), **style)
     panels[0].set_ylim(1e-17, 1e-4)
 
 
@@ -252,6 +248,6 @@ def _series(panels, drags):
     others = {name: style for name, style in STYLES.items() if name in drags and name != "one_sensor"}
     for axis, (above, below) in enumerate(panels.T):
         above.plot(hours, 1e9 * one["drag_b"].values[every, axis], color=COLOURS["vermilion"])
-        for name, (colour, label) in others.items():
+        for name, style in others.items():
             difference = 1e9 * (drags[name]["drag_b"].values - one["drag_b"].values)[every, axis]
-            below.plot(hours, difference, color=COLOURS[colour], label=f"{label} minus one")
+            below.plot(hours, difference, **style | {"label": f"{style['label']} minus one"})

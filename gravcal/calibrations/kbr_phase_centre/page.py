@@ -19,20 +19,7 @@ from gravcal.report.plain import NOT_DETERMINED, chi_square, gps_text, number, n
 WORDS = pages.words(__file__, "page.toml")
 TITLES = {name: name.replace("_", " ") for name in OBSERVABLES}
 UNITS = {"range": ("µm", 1e6), "range_rate": ("nm/s", 1e9), "range_acceleration": ("nm/s²", 1e9)}
-SHADE = {"color": COLOURS["yellow"], "alpha": 0.4, "linewidth": 0}
-ANGLES = {"pitch": COLOURS["blue"], "yaw": COLOURS["vermilion"]}
-SERIES = {
-    "ranging minus orbit": {"color": COLOURS["sky"], "linewidth": 1.8},
-    "phase centres": {"color": COLOURS["black"], "linewidth": 0.7},
-    "difference, magnified": {"color": COLOURS["vermilion"], "linewidth": 0.6},
-}
-WIDE, DASHED = {"color": COLOURS["sky"], "linewidth": 1.4}, {"color": COLOURS["black"], "linestyle": "--"}
-RESIDUAL = {"color": COLOURS["vermilion"]}
-POINTS = {
-    "least squares": {"color": COLOURS["black"], "marker": "o"},
-    "robust": {"color": COLOURS["blue"], "marker": "s"},
-    "one wiggle alone": {"color": COLOURS["vermilion"], "marker": "^"},
-}
+STYLES = WORDS.styles
 ARM = 1.444  # m, from the centre of mass to the phase centre: turns an error of y or z into one of direction
 
 
@@ -162,15 +149,10 @@ def _determined(combined, pointed, settings):
 def _block(combined, index, satellite):
     """Phase centre in mm of an observable, sub-set and estimator; what is not determined is null everywhere."""
     part = slice(3 * satellite, 3 * satellite + 3)
-    known = combined["determined"].values[index[:2]][part] != 0
-    matrix = 1e6 * combined["covariance"].values[index][part, part]
-    matrix = np.where(known[:, None] & known, matrix, np.nan)
-    return {
-        "phase_centre_mm": numbers(np.where(known, 1e3 * combined["centre"].values[index][part], np.nan)),
-        "sigma_mm": numbers(np.sqrt(np.diag(matrix))),
-        "covariance_mm2": numbers((matrix + matrix.T) / 2),
-        "formal_sigma_mm": numbers(np.where(known, 1e3 * combined["formal_sigma"].values[index][part], np.nan)),
-    }
+    known, centre, formal = (combined[name].values for name in ("determined", "centre", "formal_sigma"))
+    known, covariance = known[index[:2]][part] != 0, combined["covariance"].values[index][part, part]
+    found = plain.offset_block(centre[index][part], covariance, known, "phase_centre", "mm")
+    return found | {"formal_sigma_mm": numbers(np.where(known, 1e3 * formal[index][part], np.nan))}
 
 
 def _verdict(adopted, source, test, settings):
@@ -382,10 +364,10 @@ def _angles(panels, pointed):
         left.set_title(f"GRACE-{pointed.attrs['satellites'][k]}, line of sight in the satellite, °")
         right.set_title("first wiggle" if own.size else "detail")
         for start, stop in (own - time[0]) / 3600:
-            left.axvspan(start, stop, label="wiggle", **SHADE)
+            left.axvspan(start, stop, label="wiggle", **STYLES["shade"])
         since = time - (own[0, 0] if own.size else time[0] + 1000)
         near = (since > -120) & (since < 1130)
-        for axis, (name, colour) in enumerate(ANGLES.items()):
+        for axis, (name, colour) in enumerate(STYLES["angles"].items()):
             left.plot(*thinned((time - time[0]) / 3600, angle[k, :, axis]), color=colour, linewidth=0.8, label=name)
             right.plot(since[near], angle[k, near, axis], color=colour, linewidth=0.8)
     left.set_xlabel("hours of the record")
@@ -411,10 +393,10 @@ def _series(solved):
             left, span = measured - model, np.ptp(model)
             power = 10 ** max(int(np.floor(np.log10(0.6 * span / max(np.ptp(left), 1e-12)))), 0)  # of magnification
             curves = (measured, model, power * left - 1.1 * span)
-            for values, (label, style) in zip(curves, SERIES.items(), strict=True):
+            for values, (label, style) in zip(curves, STYLES["series"].items(), strict=True):
                 panel.plot(*thinned(*opened(time - time[0], values, 20)), label=label, **style)
             letter = one.attrs["satellites"][int(one["satellite_index"].values[k])]
-            axis = tuple(ANGLES)[int(one["axis_index"].values[k])]
+            axis = tuple(STYLES["angles"])[int(one["axis_index"].values[k])]
             panel.set_title(f"{TITLES[name]}, {unit}: {letter} {axis}, difference × {power}")
     return figure
 
@@ -426,16 +408,16 @@ def _spectra(panels, solved):
     for panel, name in zip(panels, OBSERVABLES, strict=True):
         one, factor = solved[name], UNITS[name][1] ** 2
         frequency = one["frequency"].values
-        _density(panel, frequency, factor * one["spectrum_observed"].values, "ranging minus orbit", WIDE)
-        _density(panel, frequency, factor * one["spectrum_residual"].values, "residual", RESIDUAL)
+        _density(panel, frequency, factor * one["spectrum_observed"].values, "ranging minus orbit", STYLES["wide"])
+        _density(panel, frequency, factor * one["spectrum_residual"].values, "residual", STYLES["residual"])
 
 
 @WORDS.figure("noise")
 def _noise(panel, measured):
     frequency = measured["frequency"].values
-    _density(panel, frequency, 1e12 * measured["density"].values, "quiet data", WIDE)
-    _density(panel, frequency, 1e12 * measured["model"].values, "model", DASHED)
-    _density(panel, frequency, 1e12 * measured["in_manoeuvres"].values, "in the wiggles", RESIDUAL)
+    _density(panel, frequency, 1e12 * measured["density"].values, "quiet data", STYLES["wide"])
+    _density(panel, frequency, 1e12 * measured["model"].values, "model", STYLES["dashed"])
+    _density(panel, frequency, 1e12 * measured["in_manoeuvres"].values, "in the wiggles", STYLES["residual"])
 
 
 def _density(panel, frequency, power, label, style):
@@ -466,9 +448,9 @@ def _estimates(panels, document):
             adopted = document["adopted"]["satellites"][letter]
             value, sigma = adopted["phase_centre_mm"][k], adopted["sigma_mm"][k]
             if value is not None:
-                panel.axhspan(value - sigma, value + sigma, label="adopted", **SHADE)
+                panel.axhspan(value - sigma, value + sigma, label="adopted", **STYLES["shade"])
             for place, centre, error, kind in points:
                 if centre is not None and error is not None:
-                    bars(panel, [place], [centre], [error], label=kind, **POINTS[kind])
+                    bars(panel, [place], [centre], [error], label=kind, **STYLES["points"][kind])
             panel.set_xticks(range(len(labels)), labels)
             panel.set(title=f"GRACE-{letter} {'xyz'[k]}, mm", xlim=(-0.6, len(labels) - 0.4))
