@@ -26,16 +26,14 @@ LINES = len(HEADERS["label"])  # of an 80-column header before its end
 GIVE = "Give it, or choose another product."
 
 
-def write(observed, path, product=None, satellite=None) -> Path:
+def write(observed, path) -> Path:
     """Write one Level-1 file in the layout of RL04 ASCII; its bytes depend on the arguments alone.
 
     Parameters
     ----------
     observed : Dataset as ``read`` returns it, or a mapping of arrays (n,) in its names; accelerations in SRF.
-        Time as the file's own columns, or ``time_second`` and ``time_fraction``, or ``time_tag``; torquer currents
-        as the six coils, or ``current_b`` (n, 3) mA; left out: ids, flags and whatever has a default in the table
+        Left out: ids, flags and whatever has a default in the table
     path : where to; by its name ``PRDID_YYYY-MM-DD_S_RR.txt`` product and satellite are known; ``.gz`` compresses
-    product, satellite : where the name does not say
 
     Raises
     ------
@@ -43,9 +41,9 @@ def write(observed, path, product=None, satellite=None) -> Path:
     """
     path = Path(path)
     named = archive.from_name(path)
-    product, satellite = product or getattr(named, "product", None), satellite or getattr(named, "satellite", None)
-    if not product or not satellite:
-        refuse(path, "no product or satellite in the name", "PRDID_YYYY-MM-DD_S_RR.txt", "Give product and satellite.")
+    if not named:
+        refuse(path, "no product or satellite in the name", "PRDID_YYYY-MM-DD_S_RR.txt", "Name the file so.")
+    product, satellite = named.product, named.satellite
     table = table_of(product, mission_of(satellite))
     if table.repeated:
         refuse(path, f"product {product}", "one whose records are alike", "This product cannot be written.")
@@ -74,11 +72,6 @@ def file_name(product: str, date: str, satellite: str, release: str = "04") -> s
 def _columns(observed, table: Product, satellite, where):
     """Array of every column the records hold, under the names and axes of the file."""
     given = {str(name): np.asarray(observed[name]) for name in observed}
-    given |= _times(given, table)
-    if "current_b" in given and "torque1A" not in given:  # positive currents in the coils A, negative ones in B
-        for i in range(3):
-            given[f"torque{i + 1}A"] = np.maximum(given["current_b"][:, i], 0.0)
-            given[f"torque{i + 1}B"] = table.current_b_sign * np.minimum(given["current_b"][:, i], 0.0)
     held = dict(given)
     for af, srf in srf_names(table).items():
         held.pop(af, None)
@@ -98,20 +91,6 @@ def _columns(observed, table: Product, satellite, where):
     for name in (name for name, default in missing.items() if default is None):
         refuse(where, f"no values for {name}", f"{n} values", GIVE, column=name)
     return {c.name: held[c.name] if c.name in held else np.full(n, missing[c.name]) for c in columns}
-
-
-def _times(given, table):
-    seconds, *fraction = table.time
-    if seconds in given:
-        return {}
-    scale = TICKS["s"] // TICKS[table.column(fraction[0]).units] if fraction else 1
-    if "time_second" in given:
-        whole, part = given["time_second"], np.rint(given["time_fraction"] * scale).astype(int)
-    else:
-        whole = np.floor(given["time_tag"]).astype(int)
-        part = np.rint((given["time_tag"] - whole) * scale).astype(int)
-    whole, part = whole + part // scale, part % scale
-    return {seconds: whole, fraction[0]: part} if fraction else {seconds: whole}
 
 
 def _default(column, table, satellite):

@@ -36,8 +36,8 @@ def acceleration():
     names = [f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz"]
     values = np.random.default_rng(1).normal(size=(6, 30)) * 1e-6
     return {
-        "time_second": START + np.arange(30) // 10,
-        "time_fraction": (np.arange(30) % 10) / 10 + 7e-6,
+        "rcvtime_intg": START + np.arange(30) // 10,
+        "rcvtime_frac": np.arange(30) % 10 * 100_000 + 7,
         "icu_blk_nr": np.arange(30) // 10,
         **dict(zip(names, values, strict=True)),
     }

@@ -15,7 +15,8 @@ from gravcal.errors import CatalogError, ProductError
 from gravcal.io import archive, daily, readers, writers
 from tasks.stage import read
 
-RECORDS = {"time_second": 634219200 + np.arange(3), "time_fraction": np.zeros(3)}
+SECONDS = {name: 634219200 + np.arange(3) for name in ("gps_time", "time_intg", "rcvtime_intg")}
+RECORDS = SECONDS | {name: np.zeros(3, dtype=int) for name in ("time_frac", "rcvtime_frac")}
 TAKEN_BACK = ((b"simulated data", b"as flown"), (archive.BY.encode(), b"9a1b2"))
 
 
@@ -25,7 +26,8 @@ def written(folder, product="MAG1B", letter="C", release="04"):
     columns = {f"lin_accl_{axis}": np.zeros(3) for axis in "xyz"} | {f"ang_accl_{axis}": np.zeros(3) for axis in "xyz"}
     columns |= {f"acl_{axis}_res": np.zeros(3) for axis in "xyz"}
     columns |= {f"{name}field_{axis}": np.zeros(3) for axis in "xyz" for name in ("Mf", "torque")}
-    columns |= {"current_b": np.zeros((3, 3)), "MfX_RAW": np.zeros(3), "MfY_RAW": np.zeros(3), "MfZ_RAW": np.zeros(3)}
+    columns |= {f"torque{n}{coil}": np.zeros(3) for n in (1, 2, 3) for coil in "AB"}
+    columns |= {f"Mf{axis}_RAW": np.zeros(3) for axis in "XYZ"}
     columns |= {name: np.zeros(3) for name in ("torque_cal", "MT1", "MT2", "MT3", "MfvX_RAW", "MfvY_RAW", "MfvZ_RAW")}
     path = folder / f"{product}_2020-02-05_{letter}_{release}.txt"
     return writers.write(RECORDS | columns, path)

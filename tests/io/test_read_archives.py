@@ -36,7 +36,6 @@ def test_members_are_found_and_read_after_loose_files_and_newer_releases(member,
     assert [f.name for f in files] == ["SCA1B_2023-06-01_C_04.txt"]
     assert_array_equal(read(files[0]).quatangle, attitude["quatangle"])
     assert sorted(p.name for p in member.parent.iterdir()) == [member.name]
-    assert_array_equal(read(member, "SCA1B").quatangle, attitude["quatangle"])
     loose = write(attitude, member.parent / file_name("SCA1B", "2023-06-01", "C"))
     assert find(member.parent, "SCA1B", "C").path == loose
     newer = write(attitude, member.parent / file_name("SCA1B", "2023-06-01", "C", "05"))

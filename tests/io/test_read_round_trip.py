@@ -86,16 +86,14 @@ def test_every_table_writes_and_reads(tmp_path, name):
         assert column.name in observed
 
 
-def test_current_splits_into_coils_and_back_and_a_column_without_values_is_refused(tmp_path, attitude):
+def test_currents_of_coils_add_and_a_column_without_values_is_refused(tmp_path, attitude):
     """Analytic: positive currents in coil A, negative ones in coil B with their sign; a missing column is named."""
-    current = np.array([[1.5, -2.0, 0.0], [0.0, 3.0, -4.0]])
-    columns = {"time_tag": START + np.array([0.083329, 0.583329]), "current_b": current}
+    columns = {"time_intg": START + np.array([0, 0]), "time_frac": np.array([83329, 583329])}
     columns |= {f"Mfv{axis}_RAW": np.zeros(2) for axis in "XYZ"}
+    columns |= {f"torque{n}{coil}": np.zeros(2) for n in (1, 3) for coil in "AB"}
+    columns |= {"torque2A": np.array([0.0, 3.0]), "torque2B": np.array([-2.0, 0.0])}
     observed = read(write(columns, tmp_path / "MAG1B_2023-06-01_C_04.txt"))
-    assert_array_equal(observed.current_b, current)
-    assert_array_equal(observed.torque2A, [0.0, 3.0])
-    assert_array_equal(observed.torque2B, [-2.0, 0.0])
-    assert_array_equal(observed.time_frac, [83329, 583329])
+    assert_array_equal(observed.current_b, [[0.0, -2.0, 0.0], [0.0, 3.0, 0.0]])
     del attitude["quatjcoeff"]
     with pytest.raises(ProductError, match="quatjcoeff"):
         write(attitude, tmp_path / "SCA1B_2023-06-01_C_04.txt")

@@ -619,8 +619,7 @@ def read(source, product=None, *, expect_satellite=None, expect_date=None) -> xr
 
     Parameters
     ----------
-    source : path of a file (.txt .asc .dat, also .gz), path of a .tgz holding one file of the product,
-        or a LevelOneFile
+    source : path of a file (.txt .asc .dat, also .gz), or a LevelOneFile, such as a member of an archive
     product : five characters, such as "ACC1A"; by default from the name or the header
     expect_satellite : letter the file has to be of
     expect_date : "YYYY-MM-DD" the file has to be of
@@ -640,12 +639,7 @@ def read(source, product=None, *, expect_satellite=None, expect_date=None) -> xr
     file = source
     if not isinstance(source, archive.LevelOneFile):
         path = Path(source)
-        if archive.is_archive(path):
-            if not product:
-                refuse(path, "an archive", "a product to read from it", "Give the product, or use find().")
-            file = archive.find(path, product, expect_satellite, expect_date)
-        else:
-            file = archive.from_name(path) or archive.LevelOneFile(path, None, "", "", "", "")
+        file = archive.from_name(path) or archive.LevelOneFile(path, None, "", "", "", "")
     data = archive.content(file)
     header = parse_header(data, file.where)
     satellite = file.satellite or header.satellite
