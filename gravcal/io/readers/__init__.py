@@ -519,7 +519,8 @@ def _sorted_by_layout(body, table, where, header_lines):
             row = rows[np.argmax(counts[rows] != len(columns))]
             line, count = header_lines + int(row) + 1, int(counts[row])
             refuse(f"{where}, line {line}", f"{count} columns", f"{len(columns)}", DAMAGED, line=line, columns=count)
-        series = _text_columns(text, table) if table.is_text else _columns(text, rows, columns)
+        split = text.gather(rows).str.split_exact(" ", len(columns) - 1)
+        series = _text_columns(text, table) if table.is_text else split.struct.unnest().get_columns()
         for place, column in enumerate(columns):
             try:
                 values = decode(series[place], column)
@@ -533,21 +534,6 @@ def _sorted_by_layout(body, table, where, header_lines):
                 arrays[column.name][rows] = values
     arrays["undecodable"] = undecodable
     return arrays
-
-
-def _columns(text, rows, columns):
-    """Columns of lines that all have as many tokens: numbers if they are, else their texts."""
-    lines = text if len(rows) == len(text) else text.gather(rows)
-    data = "\n".join(lines.to_list()).encode() + b"\n"
-    for types in (map(_polars_type, columns), (polars.String for _ in columns)):
-        schema = {str(i): kind for i, kind in enumerate(types)}
-        try:
-            frame = polars.read_csv(data, separator=" ", has_header=False, schema=schema, quote_char=None)
-        except polars.exceptions.PolarsError:
-            continue
-        if not any(frame.null_count().row(0)):
-            break
-    return frame.get_columns()
 
 
 def _lines(body, table, where, header_lines):
@@ -586,24 +572,11 @@ def _groups(text, table):
 
 
 TICKS = {"s": 1_000_000_000, "us": 1_000, "ns": 1}
-NOT_FINITE = 1
-NOT_UNIT = 2
-OUT_OF_ORDER = 4
-REPEATED = 8
-CONFLICTING = 16
-OTHER_SATELLITE = 32
-OUT_OF_RANGE = 64
-UNDEFINED = 128
-MEANING = {
-    NOT_FINITE: "a value is NaN or infinite",
-    NOT_UNIT: "the norm of the quaternion differs from 1 by ten times the rounding of the file, 1e-9 to 1e-6",
-    OUT_OF_ORDER: "the time tag is before an earlier record's",
-    REPEATED: "the time tag repeats an earlier record's, values equal",
-    CONFLICTING: "the time tag repeats an earlier record's, values differ",
-    OTHER_SATELLITE: "the record names another satellite than the file",
-    OUT_OF_RANGE: "a value is outside the range the product defines, or the tag is of another time scale",
-    UNDEFINED: "a quality bit that is not defined is set, or text that is not UTF-8",
-}
+FLAGS = tomllib.loads(Path(__file__).with_name("flags.toml").read_text(encoding="utf-8"))
+NOT_FINITE, NOT_UNIT, OUT_OF_ORDER, REPEATED, CONFLICTING, OTHER_SATELLITE, OUT_OF_RANGE, UNDEFINED = (
+    1 << bit for bit in range(len(FLAGS))
+)
+MEANING = {1 << bit: text for bit, text in enumerate(FLAGS.values())}
 #: Largest difference of a norm from one, in medians of the file (its digits) and absolutely; measured: 4e-16 to 9e-11.
 NORM_ROUNDINGS, NORM_LIMITS = 10, (1e-9, 1e-6)
 NORM_SHARE = 0.5  # of a file's quaternions, from which on it is damaged as a whole
