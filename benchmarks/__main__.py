@@ -31,7 +31,6 @@ NAMES = {
     "measured": ("measured", "measured", ""),
     "papers": ("papers", "papers", ""),
     "published_methods": ("published_methods", "published_methods", ""),
-    "many": ("many", "many", ""),
     "fuzz": ("fuzz", "fuzz", ""),
     "mutants": ("mutants", "mutants", ""),
     "joint": ("joint", "run", ""),
@@ -61,8 +60,7 @@ def options_of(words: list[str] | None = None) -> argparse.Namespace:
     parser.add_argument("--out", metavar="PATH", help="for lines of cases, documents of a folder, figures")
     parser.add_argument("--first", type=int, default=0, help="number of the first case of the fuzzing, or mutant")
     parser.add_argument("--workers", type=int, default=2, help="processes that run cases")
-    parser.add_argument("--events", type=int, help="of the campaigns, by default 20, and of the joint search")
-    parser.add_argument("--windows", action="store_true", help="windows of manoeuvres in the campaign, not days")
+    parser.add_argument("--events", type=int, help="of the campaign, by default 20, and of the joint search")
     options = parser.parse_args(words)
     options.rounds = 2 if options.quick else 7
     options.settings = dict(text.split("=", 1) for text in options.set)

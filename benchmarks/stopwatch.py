@@ -1,18 +1,14 @@
-"""Timing of several things in turn, so that a machine whose speed drifts is fair to all; what two processes can do."""
+"""Timing of several things in turn, so that a machine whose speed drifts is fair to all."""
 
-import os
 import statistics
 import subprocess
 import time
 from collections.abc import Callable, Mapping
 
-import numpy as np
 import psutil
 
-from benchmarks.tables import Figure, cases
+from benchmarks.tables import Figure
 
-TASKS = 20  # of plain numpy
-ROWS, COLUMNS, REPEATS = 20_000, 60, 12  # a task of some 0.7 s
 middle = statistics.median
 
 
@@ -44,57 +40,15 @@ def seconds(name: str, spent: list[float], unit: str = "s") -> Figure:
     return Figure(name, f"{middle(spent):.3g} {unit}", span(spent))
 
 
-def command(words: list, environment: Mapping) -> tuple[float, float, float, str]:
-    """Wall seconds of a command, processor seconds of it and of the machine meanwhile, and what it printed."""
-    start, before, machine = time.perf_counter(), os.times(), _busy()
+def command(words: list, environment: Mapping) -> tuple[float, float, str]:
+    """Wall seconds of a command, processor seconds of the machine meanwhile, and what it printed."""
+    start, before = time.perf_counter(), psutil.cpu_times()
     text = subprocess.run(words, env=environment, check=True, capture_output=True, text=True).stdout
-    wall, after = time.perf_counter() - start, os.times()
-    own = after.children_user + after.children_system - before.children_user - before.children_system
-    return wall, own, _busy() - machine, text
-
-
-def _busy():
-    """Seconds that all processors were at work, for whomever; of processes that are ended, not waited for, as well."""
-    spent = psutil.cpu_times()
-    return spent.user + spent.nice + spent.system
+    wall, after = time.perf_counter() - start, psutil.cpu_times()
+    busy = sum(getattr(after, kind) - getattr(before, kind) for kind in ("user", "nice", "system"))
+    return wall, busy, text
 
 
 def stolen() -> float:
     """Seconds of processor that this machine wanted and its host gave to others; 0 where that is not told."""
     return getattr(psutil.cpu_times(), "steal", 0.0)
-
-
-def memory(process: psutil.Process) -> dict[psutil.Process, int]:
-    """Bytes of a process and of its children; one that ended meanwhile is not there."""
-    found = {}
-    try:
-        for one in [process, *process.children(recursive=True)]:
-            found[one] = one.memory_info().rss
-    except psutil.Error:
-        pass
-    return found
-
-
-def speed_up(processes: int) -> float:
-    """Speed-up of so many processes over one in tasks of plain numpy; starting them is not counted."""
-    return _spent(1) / _spent(processes)
-
-
-def _spent(processes):
-    """Seconds that all tasks take."""
-    results = cases(_task, range(TASKS + 4 * processes), max(processes, 1))
-    for _ in range(4 * processes):  # begins every process
-        next(results)
-    start = time.perf_counter()
-    list(results)
-    return time.perf_counter() - start
-
-
-def _task(seed):
-    """Random columns, their spectra, and a solution of their normal equations."""
-    rng, total = np.random.default_rng(seed), 0.0
-    for _ in range(REPEATS):
-        columns = rng.standard_normal((ROWS, COLUMNS))
-        power = np.abs(np.fft.rfft(columns, axis=0)) ** 2
-        total += float(np.linalg.solve(columns.T @ columns, power[:COLUMNS].sum(axis=1)).sum())
-    return total
