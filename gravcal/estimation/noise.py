@@ -209,13 +209,11 @@ def log_linear(knot_hz: np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(at, np.log(knot_hz), row) for row in np.eye(len(knot_hz))], axis=-1)
 
 
-def fit_spectrum(
-    pieces: list[tuple[np.ndarray, np.ndarray]], step_s: float, knot_hz: np.ndarray, parts: int = 1024
-) -> Spectrum:
+def fit_spectrum(pieces: list[tuple[np.ndarray, np.ndarray]], step_s: float, knot_hz: np.ndarray) -> Spectrum:
     """Density of noise from all quiet pieces there are, long or short, with gaps, beside columns of any size in them.
 
     Pieces are (n_i,) even values, NaN where missing, and (n_i, q_i) columns; knots (k,) Hz; the response of each wave
-    is known at so many parts of the band up to Nyquist, as many as a piece has samples.
+    is known at `NODES` parts of the band up to Nyquist, as many as a piece has samples.
 
     Notes
     -----
@@ -223,8 +221,8 @@ def fit_spectrum(
     columns. The square q of the product of one with the values is exponential about m, the integral of S abs(B)^2,
     whatever the columns took from it: Fisher scoring of -sum(log m + q / m), with a weak prior on the bends of log S.
     """
-    knots, frequency = np.asarray(knot_hz, dtype=float), np.linspace(0, 0.5 / step_s, parts + 1)
-    rows = zip(*(_waves(*group, step_s, parts) for group in _alike(pieces)), strict=True)
+    knots, frequency = np.asarray(knot_hz, dtype=float), np.linspace(0, 0.5 / step_s, NODES + 1)
+    rows = zip(*(_waves(*group, step_s) for group in _alike(pieces)), strict=True)
     square, response, times = (np.concatenate(one) for one in rows)
     shares, at = log_linear(knots, frequency), np.log(knots)
     bends = np.diff(np.diff(np.eye(knots.size), axis=0) / np.diff(at)[:, None], axis=0)
@@ -268,8 +266,8 @@ def _alike(pieces):
     return [(np.array(values), columns) for values, columns in groups]
 
 
-def _waves(values, columns, step_s, parts):
-    """Tapered waves beside the columns of some pieces (g, n): squared products (m,), responses (m, parts + 1), g (m,).
+def _waves(values, columns, step_s):
+    """Tapered waves beside the columns of some pieces (g, n): squared products (m,), responses (m, NODES + 1), g (m,).
 
     The squares are those of all pieces together.
     """
@@ -282,10 +280,10 @@ def _waves(values, columns, step_s, parts):
     waves[:, good] -= (waves[:, good] @ basis) @ basis.T
     waves = waves[np.sum(np.abs(waves) ** 2, axis=1) > LEFT]
     square = np.sum(np.abs(waves[:, good] @ values[:, good].T) ** 2, axis=1)
-    power = np.abs(np.fft.fft(waves, 2 * parts, axis=1)) ** 2
-    power = (power[:, : parts + 1] + power[:, -np.arange(parts + 1)]) / 2
+    power = np.abs(np.fft.fft(waves, 2 * NODES, axis=1)) ** 2
+    power = (power[:, : NODES + 1] + power[:, -np.arange(NODES + 1)]) / 2
     power[:, [0, -1]] /= 2
-    return square, power * (0.5 / step_s / parts), np.full(square.size, len(values))
+    return square, power * (0.5 / step_s / NODES), np.full(square.size, len(values))
 
 
 @dataclass(frozen=True)
@@ -487,15 +485,13 @@ def from_density(density: np.ndarray, order: int, step_s: float) -> NoiseModel:
 BACKGROUND, FINE = 31, 20  # frequencies over which the background is the median; parts between them for a line
 LOWEST_HZ = 0.015
 LINE_LIMIT = 12  # lines at most
+LINE_LEVEL = 1e-4  # chance of taking a line out of noise without one, each axis
 
 
-def without_lines(
-    segments: list[np.ndarray], step_s: float, level: float = 1e-4
-) -> tuple[list[np.ndarray], list[tuple[int, float]]]:
+def without_lines(segments: list[np.ndarray], step_s: float) -> tuple[list[np.ndarray], list[tuple[int, float]]]:
     """Segments with sines of any phase and size in each taken out, where all of them together show a line.
 
-    Segments (n_i, axes) are even, NaN where missing; the level is the chance of taking a line out of noise without one,
-    each axis. With them come axis and frequency in Hz of every line.
+    Segments (n_i, axes) are even, NaN where missing; with them come axis and frequency in Hz of every line.
     """
     cleaned, found = [s.copy() for s in segments], []
     length = int(np.median([np.isfinite(s[:, 0]).sum() for s in segments]))
@@ -507,7 +503,7 @@ def without_lines(
             power = fine[FINE * lowest : FINE * highest : FINE]
             ratio = power / median_filter(power, BACKGROUND, mode="nearest")
             best = int(np.argmax(ratio))
-            if chdtrc(2 * len(cleaned), 2 * len(cleaned) * ratio[best]) * ratio.size > level:
+            if chdtrc(2 * len(cleaned), 2 * len(cleaned) * ratio[best]) * ratio.size > LINE_LEVEL:
                 break
             first = FINE * (lowest + best - 1)
             frequency = float(first + np.argmax(fine[first : first + 2 * FINE + 1])) / (FINE * parts * step_s)

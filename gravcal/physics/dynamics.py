@@ -299,7 +299,7 @@ D = np.ascontiguousarray(DOP853.D)
 def propagate(problem, time, y, max_step, out):
     """Fill out (n, 10 + 6 columns): quaternion, rate, rate derivative, sensitivity at each time; y is used up."""
     scratch = np.zeros((STAGES, y.size)), np.empty((7, y.size)), np.empty(y.size)
-    K, _, end = scratch
+    K, F, end = scratch
     done = 0
     for piece in range(problem.breaks.size - 1):
         start, stop = problem.breaks[piece], problem.breaks[piece + 1]
@@ -318,25 +318,16 @@ def propagate(problem, time, y, max_step, out):
             _step(problem, at, y, scratch)
             t_next = stop if step == steps - 1 else start + (step + 1) * h
             if time[done] < t_next:
-                done = _outputs(problem, at, y, scratch, (time, done, t_next, out))
+                _dense(problem, at, y, scratch)
+                while done < time.size and time[done] < t_next:
+                    _interpolate((time[done] - at[1]) / h, y, F, end)
+                    _record(problem, (piece, time[done], h), end, K[13], out[done])
+                    done += 1
+                y += F[0]
             else:
                 y[:] = end
             _normalise(y)
             K[0] = K[12]
-
-
-@njit(cache=True)
-def _outputs(problem, at, y, scratch, wanted):
-    """Write the epochs inside a step, move y to its end and return how many epochs are done."""
-    K, F, work = scratch
-    time, done, t_next, out = wanted
-    _dense(problem, at, y, scratch)
-    while done < time.size and time[done] < t_next:
-        _interpolate((time[done] - at[1]) / at[2], y, F, work)
-        _record(problem, (at[0], time[done], at[2]), work, K[13], out[done])
-        done += 1
-    y += F[0]
-    return done
 
 
 @njit(cache=True)
@@ -430,7 +421,12 @@ def _derivative(problem, piece, t, y, dy):
     magnetic, momentum = cross(problem.dipole[piece], B), matvec(J, w)
     gravity, gyroscopic = gradient_torque(J, G), cross(w, momentum)
     other = (gravity[0] - gyroscopic[0], gravity[1] - gyroscopic[1], gravity[2] - gyroscopic[2])
-    torque = _total(problem, piece, t, magnetic, other)
+    s, e, d, dt = problem.scale, problem.extra[piece], problem.slope[piece], t - problem.breaks[piece]
+    torque = (
+        s[0] * magnetic[0] + other[0] + e[0] + dt * d[0],
+        s[1] * magnetic[1] + other[1] + e[1] + dt * d[1],
+        s[2] * magnetic[2] + other[2] + e[2] + dt * d[2],
+    )
     dy[0] = -0.5 * (y[1] * w[0] + y[2] * w[1] + y[3] * w[2])
     dy[1] = 0.5 * (y[0] * w[0] + y[2] * w[2] - y[3] * w[1])
     dy[2] = 0.5 * (y[0] * w[1] + y[3] * w[0] - y[1] * w[2])
@@ -439,19 +435,9 @@ def _derivative(problem, piece, t, y, dy):
     if y.size > 7:
         by_angle = _torque_by_angle(problem.dipole[piece], problem.scale, B, gradient_torque_by_angle(J, G))
         _variation(as_tuple(problem.inverse), by_angle, _torque_by_rate(J, w, momentum), y, dy)
-        _forcing(as_tuple(problem.inverse), magnetic, (y.size - 7) // 6, dy)
-
-
-@njit(cache=True)
-def _total(problem, piece, t, magnetic, other):
-    """Scaled magnetic torque, extra torque and the rest."""
-    dt = t - problem.breaks[piece]
-    s, e, d = problem.scale, problem.extra[piece], problem.slope[piece]
-    return (
-        s[0] * magnetic[0] + other[0] + e[0] + dt * d[0],
-        s[1] * magnetic[1] + other[1] + e[1] + dt * d[1],
-        s[2] * magnetic[2] + other[2] + e[2] + dt * d[2],
-    )
+        for row in range(3):  # columns 6 to 8: scale of the magnetic torque
+            for axis in range(3):
+                dy[13 + (3 + row) * ((y.size - 7) // 6) + axis] += problem.inverse[row, axis] * magnetic[axis]
 
 
 @njit(cache=True)
@@ -490,14 +476,6 @@ def _variation(inverse, by_angle, by_rate, y, dy):
         dy[c + 3 * n] = N[0] * a + N[1] * b + N[2] * d + Q[0] * e + Q[1] * f + Q[2] * g
         dy[c + 4 * n] = N[3] * a + N[4] * b + N[5] * d + Q[3] * e + Q[4] * f + Q[5] * g
         dy[c + 5 * n] = N[6] * a + N[7] * b + N[8] * d + Q[6] * e + Q[7] * f + Q[8] * g
-
-
-@njit(cache=True)
-def _forcing(inverse, magnetic, n, dy):
-    """Columns 6 to 8: scale of the magnetic torque."""
-    for row in range(3):
-        for axis in range(3):
-            dy[7 + (3 + row) * n + 6 + axis] += inverse[3 * row + axis] * magnetic[axis]
 
 
 @njit(cache=True)

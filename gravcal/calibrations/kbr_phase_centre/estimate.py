@@ -218,16 +218,11 @@ def _subset(name, parts, sign, nominal, constants, band):
     sharp = robust.solve(observed, design, constants, unknowns)
     shape = band_variance(chosen, residual, *band) / variance if band else 1.0
     place = np.flatnonzero(free[:6])
-    for k, (estimate, information, formal) in enumerate(
-        (
-            (value, normal / (variance * shape), 1.0),
-            (sharp.value, sharp.information / shape, sharp.formal_factor),
-        )
-    ):
-        full = start.copy()
-        full[free] += estimate
+    found = (value, normal / (variance * shape), 1.0), (sharp.value, sharp.information / shape, sharp.formal_factor)
+    for k, (estimate, information, formal) in enumerate(found):
         covariance = least_squares.covariance(information)[: place.size, : place.size]
-        result["centre"][k] = full[:6]
+        result["centre"][k] = start[:6]
+        result["centre"][k, place] += estimate[: place.size]
         result["covariance"][k][np.ix_(place, place)] = covariance
         result["formal_sigma"][k, place] = np.sqrt(np.diag(covariance) / shape) * formal
     size = np.linalg.svd(design, compute_uv=False)
