@@ -24,18 +24,12 @@ SETTLED = 0.02
 LOOSE_TORQUE = 1e-3  # N m, above any torque of the environment: a prior that keeps the sum solvable
 
 
-@dataclass(frozen=True)
-class Arc:
-    """What turns the satellite during one manoeuvre."""
+@dataclass(frozen=True, kw_only=True)
+class Arc(dynamics.Torque):
+    """What turns the satellite during one manoeuvre, before anything is fitted."""
 
     origin: float  #: s, epoch of the state
     stop: float  #: s, end of the arc
-    edges: np.ndarray  #: (m + 1,) s
-    dipole_b: np.ndarray  #: (m, 3) A m2, constant between them
-    field_time: np.ndarray  #: (k,) s
-    field_i: np.ndarray  #: (k, 3) T
-    gradient_i: np.ndarray | None  #: (k, 3, 3) s-2 or None
-    inertia: np.ndarray  #: (3, 3) kg m2
 
 
 @dataclass(frozen=True)
@@ -72,13 +66,9 @@ def torque_of(arc: Arc, solution: Solution) -> dynamics.Torque:
     nodes = np.linspace(arc.origin, arc.stop + 1.0, 60)
     degree = solution.torque_coefficients.shape[0] - 1
     extra = polynomial(nodes, degree, arc.origin, arc.stop) @ solution.torque_coefficients
-    return dynamics.Torque(
-        inertia=arc.inertia,
+    return replace(
+        arc,
         edges=arc.edges + solution.shift,
-        dipole_b=arc.dipole_b,
-        field_time=arc.field_time,
-        field_i=arc.field_i,
-        gradient_i=arc.gradient_i,
         scale_b=solution.scale_b,
         extra_time=nodes if degree >= 0 else None,
         extra_b=extra if degree >= 0 else None,
