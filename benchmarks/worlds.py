@@ -518,17 +518,17 @@ def observed_of(kind: str, data: Path):
 
 def of_both(*campaigns) -> list:
     """Observations of two campaigns at the epochs that both have: an effect may move the ends of a manoeuvre."""
-    seconds = [{half.label: np.rint(half.time) for half in one.halves} for one in campaigns]
+    seconds = [{half.label: np.rint(half.time) for half in one.view.parts} for one in campaigns]
     found = []
     for one, others in zip(campaigns, seconds[::-1], strict=True):
         halves = []
-        for half in (half for half in one.halves if half.label in others):
+        for half in (half for half in one.view.parts if half.label in others):
             kept = np.isin(np.rint(half.time), others[half.label])
             parts = {"place": half.stretch.place[kept], "lever": half.stretch.lever[kept]}
             rows, stretch = np.arange(half.rows.start, half.rows.stop)[kept], dataclasses.replace(half.stretch, **parts)
             shorter = {"time": half.time[kept], "slow": half.slow[kept], "stretch": stretch}
             halves.append(dataclasses.replace(half, rows=rows, **shorter))
-        found.append(dataclasses.replace(one, halves=halves))
+        found.append(dataclasses.replace(one, view=dataclasses.replace(one.view, parts=halves)))
     return found
 
 
@@ -541,13 +541,13 @@ def rows_of(observed, like) -> list:
     if like.name == "com_offset":
         observed.noise.update(like.noise)
     elif like.name == "kbr_phase_centre":
-        observed.__dict__["factors"] = like.factors
+        observed.view.__dict__["factors"] = like.view.factors
     swing, roll = (getattr(observed, name, None) for name in ("swing", "roll"))
     if swing and like.swing:
         swing = dataclasses.replace(swing, record=dataclasses.replace(swing.record, noise=like.swing.record.noise))
     if roll and like.roll:
         roll = dataclasses.replace(roll)
-        roll.__dict__.update(_measured=(like.roll.noise, like.roll.level), wander=like.roll.wander)
+        roll.__dict__.update(noise=like.roll.noise, wander=like.roll.wander)
     if swing or roll:
         return dataclasses.replace(observed, swing=swing, roll=roll).blocks
     made = dict(getattr(observed, "made", {}))

@@ -1,19 +1,18 @@
 """Causes as the adapters of several calibrations try them: effects of the catalogue, and drivers in no list."""
 
-import functools
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
 from gravcal.effects import Effect, effect
 from gravcal.estimation.noise import fit_noise, whiten
-from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter
+from gravcal.estimation.records import Block, Candidate, Entry, Observations, Parameter
 
 Columns = list[np.ndarray | None]
 SPIKE = 12.0  # times the median distance from the median, 8 sigma
-PARTS, ROWS = 8, 40  # most blocks of a record, and their least rows
+PARTS, ROWS, ORDER = 8, 40, 30  # most blocks of a record, their least rows, most coefficients of their noise
 
 
 def listed(
@@ -25,9 +24,14 @@ def listed(
     return Candidate(entry.slug, form, names, units, columns, [p.prior_sigma for p in parameters if prior])
 
 
-def unknown(driver: str, form: str, channel: str, unit: str, columns: Columns) -> Candidate:
-    """Candidate in no list, added to the three readings of a channel."""
-    return Candidate(f"unknown:{driver}", form, [f"{channel}_{a}" for a in "xyz"], [unit] * 3, columns)
+def unknown(driver: str, form: str, columns: Columns, unit: str, names: Sequence[str] = "xyz") -> Candidate:
+    """Candidate in no list, of parameters of one unit."""
+    return Candidate(f"unknown:{driver}", form, list(names), [unit] * len(names), columns)
+
+
+def along(channel: str) -> list[str]:
+    """Names of what is added to the three readings of a channel."""
+    return [f"{channel}_{axis}" for axis in "xyz"]
 
 
 def added_by(entry: Entry, channel: str, words: str, series: Iterable[tuple[str, str, np.ndarray]]) -> np.ndarray:
@@ -35,7 +39,7 @@ def added_by(entry: Entry, channel: str, words: str, series: Iterable[tuple[str,
 
     Series are driver, form and values (n,); the form of the entry begins with the words.
     """
-    size, total = np.array([entry.values.get(f"{channel}_{axis}", 0.0) for axis in "xyz"]), np.zeros(3)
+    size, total = np.array([entry.values.get(name, 0.0) for name in along(channel)]), np.zeros(3)
     for driver, form, values in series:
         if (entry.cause, entry.form) == (f"unknown:{driver}", f"{words}{form}"):
             total = values[:, None] * size
@@ -49,27 +53,20 @@ def on_axes(series: np.ndarray) -> np.ndarray:
 
 
 @dataclass(frozen=True)
-class LateOrbit(Observations):
-    """Records of which the orbit has tags that are minutes off: of them nothing but that is looked for."""
+class LateTags(Observations):
+    """Records of which some tags are minutes off: of them nothing but that is looked for."""
 
-    records: Any  #: what the calibration is made of once the delay is taken out
-    time: np.ndarray  #: (n,) s
-    left: np.ndarray  #: (n,) 1, what contradicts the orbit as tagged
-    change: np.ndarray  #: (n,) s-1, of that by each second of delay
-    delay: Parameter
-    channel: str
+    records: Any  #: what the calibration is made of once the delays are taken out
+    blocks: list[Block]
+    columns: Mapping[str, Columns]  #: {slug: (n, 1) a block} of each second of a delay
+    delays: Mapping[str, Parameter] = field()  #: {slug: delay}
+    channels: tuple[str, ...]
     name: str
     form: str = ""
     parameters: tuple[str, ...] = ()  #: of a calibration whose result is made anew, of which these rows know nothing
     unit: str = "1"
 
     step, readable, shifted = "unknown:step", ("none",), True
-    order = 30  # most coefficients of the noise
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """The one that contradicts the orbit."""
-        return (self.channel,)
 
     @property
     def scale(self) -> np.ndarray:
@@ -81,50 +78,50 @@ class LateOrbit(Observations):
         """Nought for each."""
         return np.zeros(len(self.parameters))
 
-    @functools.cached_property
-    def rows(self) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Epochs, and rows (m, 2) of what is left and of the change, of each block, white by its own noise.
-
-        Spikes are left out.
-        """
-        both = np.column_stack([self.left, self.change, self.left - self.delay.value * self.change])
-        away = np.abs(both[:, 2] - np.nanmedian(both[:, 2]))
-        step = np.median(np.diff(self.time))
-        place = np.rint((self.time - self.time[0]) / step).astype(int)
-        even = np.full((place[-1] + 1, 3), np.nan)
-        even[place] = np.where((away <= SPIKE * np.nanmedian(away))[:, None], both, np.nan)
-        known = np.flatnonzero(np.isfinite(even[:, 2]))
-        known = np.array_split(known, np.clip(known.size // ROWS, 2, PARTS))
-        made = []
-        for p in (np.arange(one[0], one[-1] + 1) for one in known):
-            there = np.isfinite(even[p, 2])
-            white = whiten(fit_noise([even[p, 2]], self.order, 1.0), even[p, :2], there)
-            made.append((self.time[0] + step * p[there], white[there]))
-        return made
-
-    @property
-    def blocks(self) -> list[Block]:
-        """One block a stretch of time."""
-        made = []
-        for time, rows in self.rows:
-            channel, axis = np.full(time.size, self.channel), np.zeros(time.size, dtype=int)
-            none = np.zeros((time.size, len(self.parameters))), np.zeros((time.size, 0))
-            made.append(Block(f"from {time[0]:.0f} s", rows[:, 0], *none, channel, axis, time))
-        return made
-
     @property
     def candidates(self) -> list[Candidate]:
-        """Late tags of the orbit."""
-        return [listed(effect("timing.orbit_delay"), [rows[:, 1:] for _, rows in self.rows], self.form, prior=False)]
-
-    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
-        """The delay as it was found."""
-        return replace(entry, parameters={"delay": self.delay})
+        """Late tags."""
+        return [listed(effect(slug), columns, self.form, prior=False) for slug, columns in self.columns.items()]
 
     def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
-        """Never: the records that are left are not those of the orbit."""
+        """Never: the records that are left are not those of an orbit that was of another time."""
         return False
 
     def without(self, model: Sequence[Entry]) -> Any:  # noqa: ARG002
-        """Records with the orbit where it was, or as they are."""
+        """Records with an orbit where it was, or as they are."""
         return self.records
+
+
+def of_late_orbit(
+    records: Any,
+    time: np.ndarray,
+    left: np.ndarray,
+    change: np.ndarray,
+    delay: Parameter,
+    channel: str,
+    name: str,
+    form: str = "",
+    parameters: Sequence[str] = (),
+    unit: str = "1",
+) -> LateTags:
+    """Records whose orbit is late, by what contradicts it as tagged (n,) and changes (n,) of that with each second.
+
+    Each block is white by its own noise; spikes are left out. The rest are fields of `LateTags`.
+    """
+    both = np.column_stack([left, change, left - delay.value * change])
+    away = np.abs(both[:, 2] - np.nanmedian(both[:, 2]))
+    step = np.median(np.diff(time))
+    place = np.rint((time - time[0]) / step).astype(int)
+    even = np.full((place[-1] + 1, 3), np.nan)
+    even[place] = np.where((away <= SPIKE * np.nanmedian(away))[:, None], both, np.nan)
+    known = np.flatnonzero(np.isfinite(even[:, 2]))
+    known = np.array_split(known, np.clip(known.size // ROWS, 2, PARTS))
+    blocks, columns = [], []
+    for p in (np.arange(one[0], one[-1] + 1) for one in known):
+        there = np.isfinite(even[p, 2])
+        at, white = time[0] + step * p[there], whiten(fit_noise([even[p, 2]], ORDER, 1.0), even[p, :2], there)[there]
+        none = np.zeros((at.size, len(parameters)))
+        blocks.append(Block.of(f"from {at[0]:.0f} s", white[:, 0], channel, 0, at, shared=none))
+        columns.append(white[:, 1:])
+    slug = "timing.orbit_delay"
+    return LateTags(records, blocks, {slug: columns}, {slug: delay}, (channel,), name, form, tuple(parameters), unit)

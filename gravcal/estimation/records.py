@@ -25,6 +25,13 @@ class Block:
     #: {(channel, axis): relative error of the amplitude of the noise in this block alone}
     level_error: Mapping[tuple[str, int], float] = field(default_factory=dict)
 
+    @classmethod
+    def of(cls, label: str, observed, channel, axis, time, *, shared=None, local=None, **more) -> "Block":
+        """Block whose channel, axis and time are those of each row or of all; global and local columns if any."""
+        about = (np.broadcast_to(one, observed.size) for one in (channel, axis, time))
+        columns = (np.zeros((observed.size, 0)) if one is None else one for one in (shared, local))
+        return cls(label, observed, *columns, *about, **more)
+
 
 @dataclass(frozen=True)
 class Shape:
@@ -45,6 +52,13 @@ class Shape:
     covariance: np.ndarray | None = None  #: (s, s) once it is refined, None before
     chosen: np.ndarray | None = None  #: (b,) of `inside` then
     words: str = ""  #: of the form, before the values
+
+    @property
+    def parameters(self) -> "dict[str, Parameter]":
+        """Values with their errors, NaN before it is refined."""
+        sigma = self.value * np.nan if self.covariance is None else np.sqrt(np.diag(self.covariance))
+        rows = zip(self.names, self.value.tolist(), sigma.tolist(), self.units, strict=True)
+        return {name: Parameter(value, error, unit) for name, value, error, unit in rows}
 
 
 @dataclass(frozen=True)
@@ -86,6 +100,11 @@ class Candidate:
     def local(self) -> bool:
         """True if it acts in one block only, so that no other block can test it."""
         return sum(c is not None for c in self.columns) == 1
+
+    def added(self, entry: "Entry") -> list[np.ndarray | None]:
+        """What an entry of this form adds in each block, (n, ...), by its columns (n, ..., q)."""
+        sizes = np.array([entry.values.get(name, 0.0) for name in self.names])
+        return [None if c is None else c @ sizes for c in self.columns]
 
     def each_alone(self) -> "list[Candidate]":
         """The candidate with all its parameters, then with each alone."""
@@ -259,19 +278,20 @@ class Observations(Protocol):
     common: np.ndarray | float = 0.0  #: (p,) SI, error of the parameters that all events share and no data show
     shared: Mapping[str, float] = {}  #: {slug: SI}, largest error of a cause of one parameter that all events share
     shifted: bool = False  #: True of records whose tags are minutes off, of which nothing but that is said
+    delays: Mapping[
+        str, Parameter
+    ] = {}  #: {slug: delay of tags that are minutes off}, as the records themselves show it
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form.
 
         A few parameters of a listed cause that a search has put together are some of those of its whole form.
         """
-        values = entry.values
         total = [np.zeros(block.observed.size) for block in self.blocks]
         forms = [one for one in self.candidates if (one.cause, one.form) == (entry.cause, entry.form)]
-        wider = (one for one in self.candidates if one.cause == entry.cause and set(values) <= set(one.names))
+        wider = (one for one in self.candidates if one.cause == entry.cause and set(entry.values) <= set(one.names))
         for one in forms or (itertools.islice(wider, 1) if entry.listed else ()):
-            sizes = np.array([values.get(name, 0.0) for name in one.names])
-            total = [t if c is None else t + c @ sizes for t, c in zip(total, one.columns, strict=True)]
+            total = [t if c is None else t + c for t, c in zip(total, one.added(entry), strict=True)]
         return total
 
     def without(self, model: Sequence[Entry]) -> Any:
@@ -297,9 +317,12 @@ class Observations(Protocol):
         """Spacing s of the search for epochs there, in which its likelihood is averaged; None if `physical` does."""
         return None
 
-    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
-        """Parameters as the effect of the catalogue has them, from those of the candidate."""
-        return entry
+    def physical(self, entry: Entry, fitted: Fitted) -> Entry:
+        """Parameters as the effect of the catalogue has them, from those of the candidate: with those of its shape."""
+        if entry.cause in self.delays:
+            return replace(entry, parameters={"delay": self.delays[entry.cause]})
+        shape = fitted.candidate.shape
+        return entry if shape is None else replace(entry, parameters=dict(entry.parameters) | shape.parameters)
 
     def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
         """True if the search is repeated in records without these causes, which gained so much chi-square."""

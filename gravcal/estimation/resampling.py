@@ -1,5 +1,6 @@
-"""One linear operator that low-passes and resamples; data and every model column go through the same one."""
+"""Linear operators that low-pass and resample, straight lines and means; data and model columns go through the same."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -61,6 +62,26 @@ def operator_for(time, good, start: float, stop: float, lowpass_hz: float, half_
     begin = np.ceil((start + half_width_s) / step_s) * step_s
     grid = np.arange(begin, stop - half_width_s, step_s)
     return lowpass_resampler(time, good, grid, lowpass_hz=lowpass_hz, half_width_s=half_width_s)
+
+
+def lines_between(at: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Straight lines between samples (n, m) at other epochs (k,), column by column."""
+    return np.stack([np.interp(at, time, column) for column in values.T], axis=1)
+
+
+def bin_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Means (b, ...) over bins of values (n, ...), NaN where a bin is empty, and samples in each (b,).
+
+    Samples that are NaN are left out; times (n,) s increase, edges are (b + 1,) s.
+    """
+    inside = (time >= edges[0]) & (time < edges[-1])
+    flat = np.asarray(values, dtype=float).reshape(time.size, math.prod(np.shape(values)[1:]))
+    use = inside & np.isfinite(flat).all(axis=1)
+    index = np.searchsorted(edges, time[use], side="right") - 1
+    count = np.bincount(index, minlength=edges.size - 1)
+    total = np.stack([np.bincount(index, column, edges.size - 1) for column in flat[use].T], axis=1)
+    mean = total / np.where(count > 0, count, np.nan)[:, None]
+    return mean.reshape(edges.size - 1, *np.shape(values)[1:]), count
 
 
 @njit(cache=True)

@@ -93,7 +93,7 @@ def test_x_of_a_satellite_that_does_not_turn_keeps_its_information():
     """Independent evaluation: own columns taken off in 80 bits; the part of x that is no bias is 1e-8 of it."""
     observed = seen(simulated(7, ONE)[0])
     found = prepare(observed.blocks, []).total
-    assert observed.column[:, 3].std() < 1e-6
+    assert observed.view.column[:, 3].std() < 1e-6
     clean = [without(np.column_stack([b.observed, b.global_columns]), b.local_columns) for b in observed.blocks]
     expected = sum(one.T @ one for one in clean).astype(float)
     scale = np.sqrt(np.diag(expected))
@@ -120,7 +120,7 @@ def test_a_phase_centre_that_moves_is_given_at_the_middle_of_the_wiggles():
 def test_noise_of_star_cameras_in_the_columns_is_no_effect():
     """Recovery: noise as measured: rows without colour at high frequency, nothing gains what chance does not."""
     observed = seen(simulated(7, (("noise", "measured"),))[0])
-    assert observed.measured.attrs["smoothed_hz"] == 0.012
+    assert observed.view.measured.attrs["smoothed_hz"] == 0.012
     own = [np.linalg.qr(block.local_columns)[0] for block in observed.blocks[:-1]]  # the last is known beforehand
     rest = [block.observed - q @ (q.T @ block.observed) for block, q in zip(observed.blocks, own, strict=False)]
     power = np.mean([np.mean(np.abs(np.fft.rfft(r)[r.size // 5 :]) ** 2) / r.size for r in rest])

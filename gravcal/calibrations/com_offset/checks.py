@@ -8,6 +8,7 @@ from gravcal.calibrations.align import between, orbit_i
 from gravcal.calibrations.checks import at_least, at_most, largest
 from gravcal.calibrations.com_offset.align import OUTLIER, REACH
 from gravcal.estimation import timing
+from gravcal.estimation.resampling import bin_means
 from gravcal.physics import frames, gravity
 from gravcal.physics.constants import EARTH_RADIUS
 
@@ -115,25 +116,20 @@ def turning(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     Of the torquers ("mag", about each axis in a unit of its own), accelerometer and star camera (rad s-2).
     """
     first = np.floor(aligned["window_start"].values.min())
-    count, made = int(aligned["window_stop"].values.max() - first) + 2, {}
-    known = {name: (aligned[f"time_{name}"].values, aligned[f"{name}_flag"].values == 0) for name in ("mag", "acc")}
+    epoch = first + np.arange(int(aligned["window_stop"].values.max() - first) + 2)
     good = (aligned["sca_flag"].values == 0) & np.isfinite(aligned["quaternion"].values).all(axis=1)
     turned, time = aligned["quaternion"].values[good], aligned["time_sca"].values[good]
-    known["sca"] = time, np.ones(time.size, bool)
     steps = frames.rotation_vector(frames.quaternion_product(frames.conjugate(turned[:-1]), turned[1:]))
     camera, step = np.full((time.size, 3), np.nan), np.diff(time)
     if time.size > 2:
         even = (step[1:] < 1.5 * np.median(step)) & (step[:-1] < 1.5 * np.median(step))
         camera[1:-1][even] = (np.diff(steps, axis=0) / (step[1:] * step[:-1])[:, None])[even]
     torque = np.cross(aligned["current_b"].values, aligned["field_measured_b"].values)
-    for name, values in (("mag", torque), ("acc", aligned["angular_b"].values), ("sca", camera)):
-        at, usable = known[name]
-        place = np.floor(at - first + 0.5).astype(int)
-        good = usable & np.isfinite(values).all(axis=1) & (place >= 0) & (place < count)
-        sums = np.stack([np.bincount(place[good], column, count) for column in values[good].T], axis=1)
-        number = np.bincount(place[good], minlength=count)[:, None]
-        made[name] = np.divide(sums, number, out=np.full_like(sums, np.nan), where=number > 0)
-    return first + np.arange(count), made
+    edges, made = np.append(epoch, epoch[-1] + 1) - 0.5, {}
+    for name, values in (("mag", torque), ("acc", aligned["angular_b"].values)):
+        usable = aligned[f"{name}_flag"].values == 0
+        made[name], _ = bin_means(aligned[f"time_{name}"].values[usable], values[usable], edges)
+    return epoch, made | {"sca": bin_means(time, camera, edges)[0]}
 
 
 def late(aligned: xr.Dataset) -> dict[str, int]:

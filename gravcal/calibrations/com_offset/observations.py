@@ -2,14 +2,14 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
 from scipy.linalg import block_diag
 
-from gravcal.calibrations.align import OFF_S, POINTING_S, between, off_orbit
-from gravcal.calibrations.causes import LateOrbit, listed
+from gravcal.calibrations.align import OFF_S, POINTING_S, WHOLE_S, between, off_orbit
+from gravcal.calibrations.causes import LateTags, of_late_orbit
 from gravcal.calibrations.com_offset import checks, lag, manoeuvre, responses
 from gravcal.calibrations.com_offset.estimate import QUIET_S, adopted
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
@@ -20,14 +20,13 @@ from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, Reported
 from gravcal.physics.orbit_environment import sun_i
 
-#: Of tags that are minutes off: channel and cause of each instrument, and error s.
+#: Of tags that are minutes off: channel and cause of each instrument.
 FAR = {"acc": ("angular", "timing.accelerometer_delay"), "sca": ("attitude", "timing.star_camera_delay")}
 FAR |= {"mag": ("magnetometer", "timing.magnetometer_delay")}
-WHOLE_S = 0.5
 LARGE = 400.0  # chi-square of an effect whose second order may be seen
 
 
-def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | Late | LateOrbit | None":
+def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | LateTags | None":
     """Observations of an event from "align", "field", "attitude" and "solve" with variant mtq.
 
     None without manoeuvre. Where instruments agree and attitudes are off the orbit, the orbit is of another time.
@@ -39,15 +38,23 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | Late
     if not aligned.sizes["manoeuvre"]:
         return None
     late = checks.late(aligned)
-    if late:  # the rest is looked for once they are moved
-        return Late(aligned, late, settings["noise_order"])
+    if late:
+        return _late(aligned, late, settings["noise_order"])
     orbit = _late_orbit(aligned)
     if orbit is not None:
         return orbit
     records = products["align"], products["field"], products["attitude"]
     offset, noise = manoeuvre.offset_of(products["solve"]), {}
     views = manoeuvre.manoeuvres(*records, offset, noise, settings)
-    return ComOffset(*records, offset, views, noise, settings)
+    orders, period = dict.fromkeys(("linear", "angular"), settings["noise_order"]), settings["period_s"]
+    half = float(np.median(np.diff(products["attitude"]["time_acc"].values))) / 2
+    return ComOffset(
+        *(*records, offset, views, noise, settings),
+        noise_order=orders | {"magnetometer": settings["attitude_noise_order"]},
+        periods={period: 99},
+        shared=dict.fromkeys(("timing.accelerometer_delay", "timing.star_camera_delay"), half),
+        common=settings["drag_sigma_m_s2"] * (period / (2 * np.pi)) ** 2,
+    )
 
 
 def _late_orbit(aligned):
@@ -65,7 +72,7 @@ def _late_orbit(aligned):
     if not abs(apart) > OFF_S:
         return None
     delay, about = Parameter(-apart, POINTING_S, "s"), (ComOffset.name, "", ComOffset.parameters, ComOffset.unit)
-    return LateOrbit(aligned, time[inside], angle, -rate, delay, "attitude", *about)
+    return of_late_orbit(aligned, time[inside], angle, -rate, delay, "attitude", *about)
 
 
 @dataclass(frozen=True)
@@ -73,12 +80,21 @@ class ComOffset(Observations):
     """Observations; noise, blocks and candidates are made when they are asked for."""
 
     aligned: xr.Dataset  #: "com_offset.align"
-    field: xr.Dataset  #: "com_offset.field"
+    checked: xr.Dataset  #: "com_offset.field"
     smoothed: xr.Dataset  #: "com_offset.attitude"
     start: np.ndarray  #: (3,) m, offset of all manoeuvres together
     views: list[Manoeuvre]  #: one a manoeuvre
     noise: dict  #: {channel: Measured}, of all views
     settings: Mapping  #: of `observe`
+    #: of the channels that were measured in quiet data
+    noise_order: Mapping[str, int] = field()
+    #: all harmonics of the square wave of the torquers; those of the orbit are below all lines of a manoeuvre
+    periods: Mapping[float, int] = field()
+    #: delays s that edges look like which fall alike between two samples of the accelerometer in all events
+    shared: Mapping[str, float] = field()
+    #: offset m that a force looks like which stays while the body swings, as in "com_offset.combine": a free force in
+    #: each manoeuvre would leave an offset to be told by the harmonics of the wave alone
+    common: float = field()
 
     name = "com_offset"
     channels = manoeuvre.CHANNELS
@@ -93,7 +109,7 @@ class ComOffset(Observations):
         """Quiet samples an axis that the noise of each channel was measured from; measures it unless it is given."""
         if self.noise:
             return {}
-        models, samples = manoeuvre.quiet_noise(self.aligned, self.field, self.settings)
+        models, samples = manoeuvre.quiet_noise(self.aligned, self.checked, self.settings)
         if samples["linear"] * self.settings["step_s"] < QUIET_S:
             remedy = "Give files that reach further before and after the manoeuvres."
             refuse("discovery", "too little quiet data to measure the noise in", f"{QUIET_S:.0f} s", remedy)
@@ -102,17 +118,6 @@ class ComOffset(Observations):
         models["attitude"] = manoeuvre.attitude_noise(self.smoothed, self.views, wider, order)
         self.noise.update(models)
         return samples
-
-    @property
-    def noise_order(self) -> dict[str, int]:
-        """Coefficients of the noise model of each channel that was measured in quiet data."""
-        order = dict.fromkeys(("linear", "angular"), self.settings["noise_order"])
-        return order | {"magnetometer": self.settings["attitude_noise_order"]}
-
-    @property
-    def periods(self) -> dict[float, int]:
-        """All harmonics of the square wave of the torquers; those of the orbit are below all lines of a manoeuvre."""
-        return {self.settings["period_s"]: 99}
 
     @functools.cached_property
     def blocks(self) -> list[Block]:
@@ -128,12 +133,6 @@ class ComOffset(Observations):
         return responses.candidates(self.views, self.smoothed, self.aligned["start"].values)
 
     @property
-    def shared(self) -> dict[str, float]:
-        """Delays s that edges look like which fall alike between two samples of the accelerometer in all events."""
-        half = float(np.median(np.diff(self.smoothed["time_acc"].values))) / 2
-        return dict.fromkeys(("timing.accelerometer_delay", "timing.star_camera_delay"), half)
-
-    @property
     def circumstances(self) -> dict[str, float]:
         """Angle deg of the Sun above the orbit, and mean distance deg of the manoeuvres from the equator."""
         time, position = self.views[0].orbit
@@ -144,14 +143,6 @@ class ComOffset(Observations):
         beta = np.degrees(np.arcsin(np.sum(normal * sun_i(at), axis=1)))
         latitude = np.degrees(np.arcsin(np.abs(place[:, 2]) / radius))
         return {"beta_deg": float(np.mean(beta)), "latitude_deg": float(np.mean(latitude))}
-
-    @property
-    def common(self) -> float:
-        """Offset m that a force looks like which stays while the body swings, as in "com_offset.combine".
-
-        A free force in each manoeuvre would leave an offset to be told by the harmonics of the wave alone.
-        """
-        return self.settings["drag_sigma_m_s2"] * (self.settings["period_s"] / (2 * np.pi)) ** 2
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows of each manoeuvre and of the edge times."""
@@ -186,124 +177,78 @@ class ComOffset(Observations):
         if "frequency" in entry.parameters and entry.cause in self.tones.values():
             waves = responses.waves(entry, self.views, self.blocks)
             return replace(entry, parameters=responses.amplitudes(entry, self.views), waves=waves)
-        parameters, shape = dict(entry.parameters), fitted.candidate.shape
         if entry.cause == "torque.saturation":  # found as the dipole that is missing at full current
             full = max(float(np.abs(v.context.dipole_b).max()) for v in self.views)
-            limit = parameters["limit"]
-            parameters["limit"] = replace(limit, value=full - limit.value)
+            limit = entry.parameters["limit"]
+            return replace(entry, parameters={"limit": replace(limit, value=full - limit.value)})
         if entry.cause == self.step and fitted.candidate.apart:  # in every manoeuvre, as long after its start
             starts, firsts = [float(v.time[0]) for v in self.views], [min(b.steps) for b in self.blocks if b.steps]
             since = fitted.candidate.at - firsts[0]
             leads = [Lead(a, first + since - a) for a, first in zip(starts, firsts, strict=True)]
             return replace(entry, leads=tuple(leads))
-        if shape is None:
-            return replace(entry, parameters=parameters)
-        errors = np.sqrt(np.diag(shape.covariance)) if shape.covariance is not None else shape.value * np.nan
-        rows = zip(shape.names, shape.value.tolist(), errors.tolist(), shape.units, strict=True)
-        parameters |= {name: Parameter(value, sigma, unit) for name, value, sigma, unit in rows}
-        leads = () if shape.chosen is None else lag.leads(self.views, shape.chosen)
-        return replace(entry, parameters=parameters, leads=leads)
+        chosen = None if fitted.candidate.shape is None else fitted.candidate.shape.chosen
+        leads = entry.leads if chosen is None else lag.leads(self.views, chosen)
+        return replace(super().physical(entry, fitted), leads=leads)
 
 
 @dataclass(frozen=True)
-class Late(Observations):
-    """Angular accelerations of records whose tags are minutes off, against that of the torquers."""
+class Late(LateTags):
+    """Angular accelerations of records whose tags are minutes off; the rest is looked for once these are moved."""
 
-    aligned: xr.Dataset  #: "com_offset.align"
-    late: dict[str, int]  #: s, of `checks.late`
-    order: int  #: coefficients of the noise
+    scale, step, whole_manoeuvres = ComOffset.scale, responses.STEP, True
 
-    name = "com_offset"
-    parameters, unit = ComOffset.parameters, ComOffset.unit  # of the result, of which these rows know nothing
-    scale, start = ComOffset.scale, np.zeros(3)
-    step = responses.STEP
-    whole_manoeuvres = shifted = True
-    readable = ("none",)
-
-    @property
-    def channels(self) -> tuple[str, ...]:
-        """Instruments whose tags are off against those of the torquers."""
-        return tuple(FAR[name][0] for name in self.lags)
-
-    @property
-    def lags(self) -> dict[str, int]:
-        """Lag s of each against the torquers."""
-        return dict.fromkeys(("acc", "sca"), -self.late["mag"]) if "mag" in self.late else self.late
-
-    @functools.cached_property
-    def rows(self) -> list[list[np.ndarray]]:
-        """Whitened rows (n, 13) of each instrument and axis in each manoeuvre.
-
-        The reading less what the torquers do at its tags; what each second of lag adds; torques about all three axes
-        within a second of the time that the lag says, mean and drift, whose sizes are free.
-        """
-        _, made = checks.turning(self.aligned)
-        made = {name: one - np.nanmean(one, axis=0) for name, one in made.items()}
-        found = [[] for _ in self.places]
-        for name, late in self.lags.items():
-            then = np.roll(made["mag"], late, axis=0)
-            near = np.concatenate([np.roll(then, step, axis=0) for step in (-1, 0, 1)], axis=1)
-            for axis in range(3):
-                read, now = made[name][:, axis], made["mag"][:, axis]
-                good = np.isfinite(np.column_stack([read, now, near])).all(axis=1)
-                size = then[good, axis] @ read[good] / max(then[good, axis] @ then[good, axis], 1e-300)
-                whole = np.column_stack([read - size * now, size * (then[:, axis] - now) / late, near])
-                each = [np.column_stack([whole[p], polynomial(p, 1, p[0], p[-1])]) for p in self.places]
-                left = [np.full(p.size, np.nan) for p in self.places]
-                for one, rest, place in zip(each, left, self.places, strict=True):
-                    rest[good[place]] = without(one[good[place], 2:], one[good[place], 0] - late * one[good[place], 1])
-                noise = fit_noise(left, self.order, 1.0, 11 * len(left))
-                for mine, one, place in zip(found, each, self.places, strict=True):
-                    mine.append(whiten(noise, np.nan_to_num(one), good[place]))
-        return found
-
-    @property
-    def places(self) -> list[np.ndarray]:
-        """Seconds (n,) of each manoeuvre and of where the late tags have it, from the first window on."""
-        first, far = self.aligned["window_start"].values.min(), [0, *self.lags.values()]
-        ends = self.aligned["start"].values + min(far) - first, self.aligned["stop"].values + max(far) - first
-        most = int(self.aligned["window_stop"].values.max() - first)
-        return [np.arange(max(int(start), 0), min(int(stop), most)) for start, stop in zip(*ends, strict=True)]
-
-    @property
-    def blocks(self) -> list[Block]:
-        """One block a manoeuvre."""
-        made, first = [], np.floor(self.aligned["window_start"].values.min())
-        for number, (place, rows) in enumerate(zip(self.places, self.rows, strict=True), 1):
-            observed, nothing = np.concatenate(rows)[:, 0], np.zeros((len(rows) * place.size, 3))
-            own = block_diag(*(one[:, 2:] for one in rows))
-            channel = np.repeat(self.channels, 3 * place.size)
-            axis = np.tile(np.repeat([0, 1, 2], place.size), len(self.lags))
-            time = np.tile(first + place, len(rows))
-            made.append(Block(f"manoeuvre {number}", observed, nothing, own, channel, axis, time))
-        return made
-
-    @property
-    def candidates(self) -> list[Candidate]:
-        """Late tags of each instrument."""
-        made = []
-        for name in self.late:
-            sizes = [-1.0 if name == "mag" else float(name == one) for one in self.lags for _ in range(3)]
-            columns = [
-                np.concatenate([size * one[:, 1] for size, one in zip(sizes, rows, strict=True)]) for rows in self.rows
-            ]
-            made.append(listed(effect(FAR[name][1]), [column[:, None] for column in columns], prior=False))
-        return made
-
-    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
-        """Delays in whole seconds."""
-        (late,) = [late for name, late in self.late.items() if FAR[name][1] == entry.cause]
-        return replace(entry, parameters={"delay": Parameter(float(late), WHOLE_S, "s")})
+    def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
+        """True if any tags were moved."""
+        return bool(gains)
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records with their tags moved back."""
-        given = {one.cause: one.values["delay"] for one in model}
-        tags = {f"time_{name}": self.aligned[f"time_{name}"] - given.get(FAR[name][1], 0.0) for name in self.late}
-        moved = self.aligned.assign(tags)
-        if "mag" in self.late:  # by whose currents manoeuvres are known
-            own = ("start", "stop", "edge_lower", "edge_upper")
-            moved = moved.assign({name: moved[name] - given.get(FAR["mag"][1], 0.0) for name in own})
-        return moved
+        return responses.tags_moved(self.records, model)
+
+
+def _late(aligned, late, order):
+    """Observations of records with tags that are late by so many seconds, {instrument: s} of `checks.late`.
+
+    Rows of each instrument and axis in each manoeuvre: the reading less what the torquers do at its tags; what each
+    second of lag adds; locally torques about all three axes within a second of the time that the lag says, mean and
+    drift, whose sizes are free. Blocks reach over each manoeuvre and where the late tags have it.
+    """
+    lags = dict.fromkeys(("acc", "sca"), -late["mag"]) if "mag" in late else late
+    first, far = aligned["window_start"].values.min(), [0, *lags.values()]
+    ends = aligned["start"].values + min(far) - first, aligned["stop"].values + max(far) - first
+    most = int(aligned["window_stop"].values.max() - first)
+    places = [np.arange(max(int(start), 0), min(int(stop), most)) for start, stop in zip(*ends, strict=True)]
+    _, made = checks.turning(aligned)
+    made = {name: one - np.nanmean(one, axis=0) for name, one in made.items()}
+    found = [[] for _ in places]
+    for name, lag_s in lags.items():
+        then = np.roll(made["mag"], lag_s, axis=0)
+        near = np.concatenate([np.roll(then, step, axis=0) for step in (-1, 0, 1)], axis=1)
+        for axis in range(3):
+            read, now = made[name][:, axis], made["mag"][:, axis]
+            good = np.isfinite(np.column_stack([read, now, near])).all(axis=1)
+            size = then[good, axis] @ read[good] / max(then[good, axis] @ then[good, axis], 1e-300)
+            whole = np.column_stack([read - size * now, size * (then[:, axis] - now) / lag_s, near])
+            each = [np.column_stack([whole[p], polynomial(p, 1, p[0], p[-1])]) for p in places]
+            left = [np.full(p.size, np.nan) for p in places]
+            for one, rest, place in zip(each, left, places, strict=True):
+                rest[good[place]] = without(one[good[place], 2:], one[good[place], 0] - lag_s * one[good[place], 1])
+            noise = fit_noise(left, order, 1.0, 11 * len(left))
+            for mine, one, place in zip(found, each, places, strict=True):
+                mine.append(whiten(noise, np.nan_to_num(one), good[place]))
+    channels, blocks, columns = [FAR[name][0] for name in lags], [], {FAR[name][1]: [] for name in late}
+    for number, (place, rows) in enumerate(zip(places, found, strict=True), 1):
+        whole, local = np.concatenate(rows), block_diag(*(one[:, 2:] for one in rows))
+        about = np.repeat(channels, 3 * place.size), np.tile(np.repeat([0, 1, 2], place.size), len(lags))
+        about = *about, np.tile(np.floor(first) + place, len(rows))
+        shared = np.zeros((len(whole), 3))  # the offset, of which these rows know nothing
+        blocks.append(Block.of(f"manoeuvre {number}", whole[:, 0], *about, shared=shared, local=local))
+        for name in late:
+            share = [-1.0 if name == "mag" else float(name == one) for one in lags]
+            columns[FAR[name][1]].append((np.repeat(share, 3 * place.size) * whole[:, 1])[:, None])
+    delays = {FAR[name][1]: Parameter(float(seconds), WHOLE_S, "s") for name, seconds in late.items()}
+    about = ComOffset.name, "", ComOffset.parameters, ComOffset.unit
+    return Late(aligned, blocks, columns, delays, tuple(channels), *about)
 
 
 def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:

@@ -6,13 +6,13 @@ delay against the telemetry. Lines have a phase of their own in every manoeuvre.
 
 import itertools
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
 import xarray as xr
 
-from gravcal.calibrations.causes import on_axes
+from gravcal.calibrations.causes import listed, on_axes, unknown
 from gravcal.calibrations.com_offset import lag
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, at_accelerometer, attitude_at, field_at, of_torque
 from gravcal.effects import Context, catalogue, effect
@@ -66,11 +66,7 @@ class Form:
     tried.
     """
 
-    cause: str
-    form: str
-    names: list[str]
-    units: list[str]
-    prior: list[float]
+    whole: Candidate  #: without its columns
     signal: Callable[[Manoeuvre], Signal | None]
     frequency: float | None = None
     tau: float | None = None
@@ -80,7 +76,7 @@ class Form:
 
     def of(self, one: Manoeuvre) -> Signal | None:
         """Signal in a manoeuvre, made once."""
-        return one.remembered(("signal", self.cause, self.form), self.signal)
+        return one.remembered(("signal", self.whole.cause, self.whole.form), self.signal)
 
 
 def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray, forms=None) -> list[Candidate]:
@@ -89,9 +85,9 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray,
         forms = [form for entry in _entries() for form in _forms(entry)] + (_drivers(views[0]) if views else [])
     found = []
     for form in forms:
-        signals, shape = [form.of(one) for one in views], None
+        signals, shape, whole = [form.of(one) for one in views], None, form.whole
         columns = [None if s is None else one.whitened(s) for one, s in zip(views, signals, strict=True)]
-        timing = None if form.form.startswith("manoeuvre") else edge_column(form.cause, smoothed, starts)
+        timing = edge_column(whole.cause, smoothed, starts)
         if form.frequency is not None:
             shape = _mode_shape(views, form.frequency)
         if form.tau is not None:
@@ -101,10 +97,9 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray,
             continue
         if form.constants:
             shape = _law_shape(views, form)
-        channel = form.form.split()[:1]
-        wider = Wider((*channel, form.base), partial(_wider, form, views, smoothed, starts)) if form.base else None
-        words = form.cause, form.form, form.names, form.units
-        whole = Candidate(*words, [*columns, timing], form.prior, shape=shape, wider=wider)
+        key = *whole.form.split()[:1], form.base
+        wider = Wider(key, partial(_wider, form, views, smoothed, starts)) if form.base else None
+        whole = replace(whole, columns=[*columns, timing], shape=shape, wider=wider)
         found += [whole] if not whole.listed or whole.form.endswith("Hz") else whole.each_alone()
     return found
 
@@ -115,19 +110,17 @@ def _entries():
 
 def _forms(entry: Effect) -> list[Form]:
     """Forms of an effect."""
-    slug, names, units = entry.slug, [p.name for p in entry.parameters], [p.unit for p in entry.parameters]
-    prior = [p.prior_sigma for p in entry.parameters]
-    if slug == lag.CAUSE:
+    if entry.slug == lag.CAUSE:
         per_second = lambda tau: lambda one: lag.per_second(one, tau, lag.usual_lead(tau))  # noqa: E731
-        return [Form(slug, f"tau {t:g} s", names, units, prior, per_second(t), tau=t) for t in lag.TRIED_S]
-    if slug == "accelerometer.flexible_mode":
-        axes = names[2:], units[2:], prior[2:]
-        return [Form(slug, f"{f:.2f} Hz", *axes, _ringing(f, DAMPING), frequency=f) for f in MODES_HZ]
-    if slug == "torque.saturation":
-        return [Form(slug, "", names, units, prior, lambda one: of_torque(one, _clipped))]
+        return [Form(listed(entry, [], f"tau {t:g} s"), per_second(t), tau=t) for t in lag.TRIED_S]
+    if entry.slug == "accelerometer.flexible_mode":
+        axes = slice(2, None)
+        return [Form(listed(entry, [], f"{f:.2f} Hz", axes), _ringing(f, DAMPING), frequency=f) for f in MODES_HZ]
+    if entry.slug == "torque.saturation":
+        return [Form(listed(entry, []), lambda one: of_torque(one, _clipped))]
     if entry.channel in ("dipole_b", "torque_b"):
-        return [Form(slug, "", names, units, prior, lambda one: of_torque(one, _torque_of(entry, entry.columns)))]
-    return [Form(slug, "", names, units, prior, lambda one: _reading(one, entry, entry.columns))]
+        return [Form(listed(entry, []), lambda one: of_torque(one, _torque_of(entry, entry.columns)))]
+    return [Form(listed(entry, []), lambda one: _reading(one, entry, entry.columns))]
 
 
 def attitude_of_torques(one: Manoeuvre) -> np.ndarray:
@@ -236,8 +229,7 @@ def _drivers(one: Manoeuvre) -> list[Form]:
 def _unknown(channel, driver, form, width, signal, **known):
     """Form in no list, of a series with so many columns, on three axes of a reading."""
     names = [f"{channel}_{a}_{w}" if width > 1 else f"{channel}_{a}" for w in range(width) for a in "xyz"]
-    words = f"unknown:{driver}", f"{channel} reading, {form}", names, [UNITS[channel]] * len(names)
-    return Form(*words, [], signal, **known)
+    return Form(unknown(driver, f"{channel} reading, {form}", [], UNITS[channel], names), signal, **known)
 
 
 def _series(one, channel) -> list[tuple[str, str, np.ndarray]]:
@@ -312,7 +304,7 @@ def _values(law: Law, one: Manoeuvre, channel: str, constants) -> np.ndarray:
 
 def _wider(form, views, smoothed, starts):
     """Candidates of every law of the series of a form, with the constants that are tried."""
-    channel, driver = form.form.split()[0], form.cause.partition(":")[2]
+    channel, driver = form.whole.form.split()[0], form.whole.cause.partition(":")[2]
     own = laws(form.base, form.base == LATITUDE)
     forms = [_of_law(law, one, channel, driver) for law in own for one in law.tried()]
     return candidates(views, smoothed, starts, forms)
@@ -327,7 +319,7 @@ def _of_law(law, constants, channel, driver, screened=False):
 
 def _law_shape(views, form):
     """Shape of a law about the constants that were tried."""
-    law, channel, value = form.law, form.form.split()[0], np.array(form.constants)
+    law, channel, value = form.law, form.whole.form.split()[0], np.array(form.constants)
     signal = lambda one, v: {channel: on_axes(_values(law, one, channel, v))}  # noqa: E731
     columns = lambda v: [*(one.whitened(signal(one, v)) for one in views), None]  # noqa: E731
     lower, upper = np.transpose([CONSTANTS[name][2] for name in law.names])
@@ -344,8 +336,7 @@ def edge_block(smoothed: xr.Dataset) -> Block:
     """Edges of the accelerometer less those of the star camera, and their delay against the telemetry."""
     rows = np.append(smoothed["acc_shift"].values - smoothed["sca_shift"].values, float(smoothed["acc_delay"]))
     observed, count = lag.whitened_edges(smoothed, rows), rows.size
-    words = np.array(["timing"] * count), np.zeros(count, dtype=int), np.arange(count, dtype=float)
-    return Block("timing", observed, np.zeros((count, 3)), np.zeros((count, 0)), *words)
+    return Block.of("timing", observed, "timing", 0, np.arange(float(count)), shared=np.zeros((count, 3)))
 
 
 def edge_column(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray | None:
@@ -439,12 +430,12 @@ def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
         channel = entry.form.split()[0]
         found = (law for base in _bases(one, channel) for law in laws(base, base == LATITUDE) if law.tells(told))
         law = next(found, None)
-        forms = [f for f in _drivers(one) if (f.cause, f.form) == (entry.cause, entry.form)]
+        forms = [f for f in _drivers(one) if (f.whole.cause, f.whole.form) == (entry.cause, entry.form)]
         if law is not None:
             constants = [entry.values[name] for name in law.names]
             forms = [_of_law(law, constants, channel, entry.cause.partition(":")[2])]
-        sizes = [np.array([entry.values.get(name, 0.0) for name in form.names]) for form in forms[:1]]
-        added = {c: v @ size for form, size in zip(forms, sizes, strict=False) for c, v in form.signal(one).items()}
+        signal = forms[0].signal(one) if forms else {}
+        added = dict(zip(signal, replace(forms[0].whole, columns=[*signal.values()]).added(entry), strict=True))
         if "linear" in added:
             drift = least_squares.polynomial(one.wide.time, one.drift_degree, *one.wide.time[[0, -1]])
             added["linear"] = least_squares.without(drift, added["linear"])
@@ -478,14 +469,18 @@ def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry])
         for one in views:
             placed = lag.placed(one, entry, extended) if entry.cause == lag.CAUSE else entry
             _subtract(extended, one, contribution(one, placed), turns)
-    for entry in model:  # last: the samples are found by their tags; drifts are below the tags' own error within a day
-        known = effect(entry.cause) if entry.listed else None
-        if known is not None and known.channel in TAGS and known.slug.endswith("delay"):
-            name, delay = TAGS[known.channel], known.values(entry.values)[0]
-            extended.coords[name] = extended[name] - delay
-            for other in EDGES if name == "time_mag" else ():
-                extended[other] = extended[other] - delay
+    extended = tags_moved(extended, model)  # last: the samples are found by their tags
     return extended.assign_attrs(model=" ".join(e.cause for e in model))
+
+
+def tags_moved(records: xr.Dataset, model: Sequence[Entry]) -> xr.Dataset:
+    """Records whose tags are less by the delays of a model; drifts are below the tags' own error within a day."""
+    for entry in (one for one in model if one.listed):
+        name, known = TAGS.get(effect(entry.cause).channel), effect(entry.cause)
+        if name and known.slug.endswith("delay"):
+            moved = (name, *EDGES) if name == "time_mag" else (name,)
+            records = records.assign({n: records[n] - known.values(entry.values)[0] for n in moved})
+    return records
 
 
 def _subtract(extended, one, added, turned):

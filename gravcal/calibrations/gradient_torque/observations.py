@@ -3,13 +3,13 @@
 import functools
 import itertools
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
 from scipy.linalg import block_diag
 
-from gravcal.calibrations.causes import added_by, listed, unknown
+from gravcal.calibrations.causes import added_by, along, listed, unknown
 from gravcal.calibrations.gradient_torque import attitude
 from gravcal.calibrations.gradient_torque.model import METHODS, orbit
 from gravcal.calibrations.gradient_torque.noise import GLOBAL, PLACES, Channel, channels_of, means
@@ -19,7 +19,6 @@ from gravcal.effects.gradient import EFFECTS, added_to_channels, apart, reading_
 from gravcal.estimation.records import Bias, Block, Candidate, Entry, Observations, Reported
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 
-CHANNELS = ("linear", "attitude", "torque")
 UNITS = {"linear": "m s-2", "attitude": "rad s-2", "torque": "N m"}
 METHOD = METHODS.index("two_sensor")  # motion from all sensors
 BLOCK_S = 7200.0  # more than a revolution, so that each block sees every latitude
@@ -61,7 +60,8 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
         part[:, 0] -= part[:, 1:] @ solution
     start = found["pressure"].values if "pressure" in found else pressure
     drag_sigma = float(np.sqrt(np.nanmean(np.diagonal(found["covariance"].values, axis1=1, axis2=2))))
-    return GradientTorque(observed, about, channels, prior, start, drag_sigma, settings)
+    orders = {"linear": settings["noise_order"], "torque": settings["torque_noise_order"]}
+    return GradientTorque(observed, about, channels, prior, start, drag_sigma, orders)
 
 
 def _context(modelled, found, R_bi, position, settings):
@@ -141,55 +141,45 @@ class GradientTorque(Observations):
     prior: np.ndarray  #: (k, 1 + GLOBAL) what is known of the global parameters beforehand, over its standard deviation
     start: np.ndarray  #: (3,) m, centre of pressure
     drag_sigma: float  #: m s-2, of the drag, rms
-    settings: Mapping  #: of `observe`
+    noise_order: Mapping[str, int] = field()
 
     name = "gradient_torque"
-    channels = CHANNELS
+    channels = tuple(UNITS)
     parameters = tuple(f"centre_of_pressure_{axis}" for axis in "xyz")
     unit, scale = "mm", np.full(3, 1e3)
     contiguous = True
-
-    @property
-    def noise_order(self) -> dict[str, int]:
-        """Coefficients of the noise models."""
-        return {"linear": self.settings["noise_order"], "torque": self.settings["torque_noise_order"]}
 
     @functools.cached_property
     def _places(self) -> list[dict[str, np.ndarray]]:
         """Numbers of the rows of each channel in each block."""
         time = self.about.time
         count = max(2, int((time[-1] - time[0]) / BLOCK_S))
-        edges, found = np.linspace(time[0], time[-1] + 1e-6, count + 1), [{} for _ in range(count)]
-        for name, channel in self.made.items():
-            number = np.clip(np.searchsorted(edges, channel.places()[2], side="right") - 1, 0, count - 1)
-            for k in range(count):
-                found[k][name] = np.flatnonzero(number == k)
-        return found
+        inner = np.linspace(time[0], time[-1] + 1e-6, count + 1)[1:-1]
+        number = {n: np.searchsorted(inner, one.places()[2], side="right") for n, one in self.made.items()}
+        return [{name: np.flatnonzero(one == k) for name, one in number.items()} for k in range(count)]
 
     @functools.cached_property
     def blocks(self) -> list[Block]:
         """Stretches of two hours, and what was known beforehand."""
         found, places = [], {name: channel.places() for name, channel in self.made.items()}
+        errors = {
+            (name, axis): float(error)
+            for name, one in self.made.items()
+            for axis, error in enumerate(one.level.error.mean(axis=0) if one.models and one.level.error.any() else ())
+        }
         for number, rows_of in enumerate(self._places, start=1):
             rows = np.concatenate([self.made[name].rows[rows] for name, rows in rows_of.items()])
             time, axis = (np.concatenate([places[name][k][rows] for name, rows in rows_of.items()]) for k in (0, 1))
-            channel = np.concatenate([np.array([name] * rows.size) for name, rows in rows_of.items()])
-            attitude_rows, at = self.made["attitude"], np.flatnonzero(channel == "attitude")
-            begins = set(places["attitude"][2][rows_of["attitude"]])
+            channel = np.repeat([*rows_of], [own.size for own in rows_of.values()])
+            attitude_rows, begins = self.made["attitude"], set(places["attitude"][2][rows_of["attitude"]])
             own = [attitude_rows.free(one) for one in attitude_rows.stretches if attitude_rows.time[one[0]] in begins]
             local = np.zeros((len(rows), 6 * len(own)))
-            local[at] = block_diag(*own) if own else 0.0
-            errors = {
-                (name, a): float(one.level.error[:, a].mean())
-                for name, one in self.made.items()
-                for a in range(3 if one.models and one.level.error.any() else 0)
-            }
+            local[channel == "attitude"] = block_diag(*own) if own else 0.0
             rows = rows[:, 0], rows[:, 1:], local, channel, axis, time
             found.append(Block(f"stretch {number}", *rows, level_error=errors))
-        known, count = self.prior, len(self.prior)
-        axis, channel = np.argmax(known[:, 1:] > 0, axis=1) % 3, np.array(["prior"] * count)
-        about = channel, axis, np.arange(count, dtype=float)
-        return [*found, Block("known beforehand", known[:, 0], known[:, 1:], np.zeros((count, 0)), *about)]
+        known = self.prior
+        about = "prior", np.argmax(known[:, 1:] > 0, axis=1) % 3, np.arange(float(len(known)))
+        return [*found, Block.of("known beforehand", known[:, 0], *about, shared=known[:, 1:])]
 
     def _columns(self, added):
         """Columns of every block from what is added to the channels, {channel: (n, 3, q)} SI."""
@@ -216,7 +206,7 @@ class GradientTorque(Observations):
             for driver, form, shape in drivers(self.about):
                 if channel != "torque" or driver in OUTSIDE:
                     columns = self._columns({channel: shape[:, None, None] * np.eye(3)})
-                    found.append(unknown(driver, f"{channel}, {form}", channel, UNITS[channel], columns))
+                    found.append(unknown(driver, f"{channel}, {form}", columns, UNITS[channel], along(channel)))
         return found
 
     def response(self, entry: Entry) -> list[np.ndarray]:
@@ -271,9 +261,8 @@ class GradientTorque(Observations):
         for entry in (one for one in EFFECTS if one.channel == "linear_each_b"):
             mean = entry.columns(self.about).mean(axis=1)
             for k, parameter in enumerate(entry.parameters):
-                drag = parameter.prior_sigma * mean[:, :, k]
-                size = float(np.sqrt(np.mean(drag**2))) / self.drag_sigma
-                rms = np.sqrt(np.mean(drag**2, axis=0))
+                rms = np.sqrt(np.mean((parameter.prior_sigma * mean[:, :, k]) ** 2, axis=0))
+                size = float(np.sqrt(np.mean(rms**2))) / self.drag_sigma
                 found.append(Bias(entry.slug, parameter.name, parameter.prior_sigma, "drag_bias_m_s2", rms, size))
         return found
 

@@ -1,6 +1,5 @@
 """Swings and rolls found in the attitude, the record round a swing, the bins of a roll, and what cleans records."""
 
-import math
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 
@@ -14,6 +13,7 @@ from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import timing
 from gravcal.estimation.noise import runs
+from gravcal.estimation.resampling import bin_means, lines_between
 from gravcal.physics import frames, gravity
 
 SCHEMAS = schemas.of("inertial_sensor.toml")
@@ -42,26 +42,6 @@ def repaired(time: np.ndarray, values: np.ndarray, bad: np.ndarray) -> np.ndarra
         if wrong.any() and not wrong.all():
             out[wrong, column] = np.interp(time[wrong], time[~wrong], out[~wrong, column])
     return out
-
-
-def lines_between(at: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Straight lines between samples (n, m) at other epochs (k,), column by column."""
-    return np.stack([np.interp(at, time, column) for column in values.T], axis=1)
-
-
-def bin_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means (b, ...) over bins of values (n, ...), NaN where a bin is empty, and samples in each (b,).
-
-    Samples that are NaN are left out; times (n,) s increase, edges are (b + 1,) s.
-    """
-    inside = (time >= edges[0]) & (time < edges[-1])
-    flat = np.asarray(values, dtype=float).reshape(time.size, math.prod(np.shape(values)[1:]))
-    use = inside & np.isfinite(flat).all(axis=1)
-    index = np.searchsorted(edges, time[use], side="right") - 1
-    count = np.bincount(index, minlength=edges.size - 1)
-    total = np.stack([np.bincount(index, column, edges.size - 1) for column in flat[use].T], axis=1)
-    mean = total / np.where(count > 0, count, np.nan)[:, None]
-    return mean.reshape(edges.size - 1, *np.shape(values)[1:]), count
 
 
 def scatter_of_third_differences(values: np.ndarray) -> np.ndarray:

@@ -13,6 +13,7 @@ from gravcal.calibrations.inertial_sensor import align
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError
 from gravcal.estimation import noise
+from gravcal.estimation.resampling import lines_between
 from gravcal.physics import frames
 from gravcal.physics.constants import EARTH_RADIUS
 
@@ -145,7 +146,7 @@ def _pointing(time, quaternion, orbit, rolling):
     covered &= np.linalg.norm(quaternion, axis=1) > 0.5
     if not covered.any():
         return np.nan
-    state = align.lines_between(time[covered], orbit["time"][known], state[known])
+    state = lines_between(time[covered], orbit["time"][known], state[known])
     R_bo = frames.R_bi_from_quaternion(quaternion[covered]) @ np.swapaxes(frames.flight_frame(state), 1, 2)
     whole = np.trace(R_bo, axis1=1, axis2=2) / 2 - 0.5
     cosine = np.where(rolling[covered], R_bo[:, 1, 1], whole)

@@ -15,6 +15,7 @@ from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import crn, kalman, least_squares
 from gravcal.estimation import estimate as estimating
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation.resampling import bin_means
 from gravcal.physics import frames, gravity, sensing
 
 LATE_S = 10.0  # tags that are off by more are no delay of the tracker
@@ -170,7 +171,7 @@ def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, bin_s: float, margin_s
     values = np.where((aligned.flag.values == 2).any(axis=1, keepdims=True), np.nan, values)
     spans = ((time[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, time[-1]))
     edges = [a + bin_s * np.arange(np.floor((b - a) / bin_s) + 1) for a, b in spans if b - a > 20 * bin_s]
-    blocks = [align.bin_means(time, values, one)[0] for one in edges]
+    blocks = [bin_means(time, values, one)[0] for one in edges]
     for block in blocks:
         good = np.isfinite(block).all(axis=1)
         block[good] = least_squares.without(cubic(np.linspace(-1, 1, good.size), 3)[good], block[good])
@@ -188,7 +189,7 @@ def _motion(prepared, fitted):
         frames.R_bi_from_quaternion(motion.quaternion), gravity.gradient_i(prepared.position_i)
     )
     rate, rate_dot, gradient, volt = (
-        align.bin_means(prepared.time, values, edges)[0]
+        bin_means(prepared.time, values, edges)[0]
         for values in (motion.rate_b, motion.rate_dot_b, gradient, prepared.angular_volt)
     )
     angle = np.cumsum(rate - rate.mean(axis=0), axis=0) * (edges[1] - edges[0])
@@ -239,7 +240,7 @@ def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
     reach = FILTER.window_s / 2 + 3 * bin_s
     edges = first - reach + bin_s * np.arange(np.floor((last - first + 2 * reach) / bin_s) + 1)
     middle = (edges[1:] + edges[:-1]) / 2
-    volt = align.bin_means(aligned.time.values, electrodes.readouts(aligned.volts.values)[:, 3:], edges)[0]
+    volt = bin_means(aligned.time.values, electrodes.readouts(aligned.volts.values)[:, 3:], edges)[0]
     attitude = align.mean_attitude(aligned.time_att.values, aligned.quaternion.values, edges)
     good = np.isfinite(attitude).all(axis=1)
     attitude = np.where(good[:, None], attitude, [1.0, 0.0, 0.0, 0.0])
@@ -346,7 +347,7 @@ def record_of(aligned: xr.Dataset, scaled: xr.Dataset, quiet_margin_s: float, de
     readout = electrodes.readouts(aligned.volts.values)[:, :3]
     return Record(
         time=time_bin,
-        linear_volt=align.bin_means(aligned.time.values, readout, edges)[0],
+        linear_volt=bin_means(aligned.time.values, readout, edges)[0],
         rate_b=scaled.rate_b.values,
         rate_dot_b=scaled.rate_dot_b.values,
         gradient_b=scaled.gradient_b.values,

@@ -14,9 +14,9 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.linalg import cho_solve, solve_triangular
 
-from gravcal.calibrations.inertial_sensor import align
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
+from gravcal.estimation.resampling import bin_means
 from gravcal.physics import frames, gravity, kinematics
 
 #: Which of the two estimated factors belongs to each axis: those about y and z are one.
@@ -139,7 +139,7 @@ def residual_and_columns(swing: Swing, unknowns: Unknowns, motion: Motion) -> tu
     rows = [residual[:, :, None], columns[:, :, :FACTORS], delay, columns[:, :, FACTORS:]]
     rows = np.concatenate(rows, axis=2)
     rows[~inside] = np.nan
-    mean, count = align.bin_means(swing.time_att, rows, swing.edges)
+    mean, count = bin_means(swing.time_att, rows, swing.edges)
     return mean[:, :, 0], mean[:, :, 1:], count
 
 

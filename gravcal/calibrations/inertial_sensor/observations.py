@@ -8,21 +8,11 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.align import POINTING_S, off_orbit
-from gravcal.calibrations.causes import LateOrbit
+from gravcal.calibrations.causes import LateTags, of_late_orbit
 from gravcal.calibrations.inertial_sensor import observed_roll, observed_swing
 from gravcal.calibrations.inertial_sensor.observed_roll import RollView
 from gravcal.calibrations.inertial_sensor.observed_swing import SwingView
-from gravcal.estimation.records import (
-    Block,
-    Candidate,
-    Entry,
-    Fitted,
-    LineSearch,
-    Observations,
-    Parameter,
-    Reported,
-    epoch_of,
-)
+from gravcal.estimation import records
 
 #: Factor from SI and unit in which a parameter is reported, by the first word of its name.
 REPORTED = {
@@ -42,7 +32,7 @@ NEAR = np.linspace(-1.0, 1.0, 21)
 
 def observe(
     products: Mapping[str, xr.Dataset], *, scene: Mapping, rolling: Mapping, pointing_limit_rad: float
-) -> "InertialSensor | LateOrbit | None":
+) -> "InertialSensor | LateTags | None":
     """Observations of an event, None without swing and roll; where the orbit of a swing is of another time, that alone.
 
     Products are "align", "scale" and "offset" of a swing, "segment" and "bias" of a roll, as far as they are there;
@@ -52,8 +42,8 @@ def observe(
     if "align" in products:
         time, angle, rate = off_the_orbit(products["align"])
         if abs(np.median(angle)) > pointing_limit_rad:
-            delay = Parameter(-float(np.median(angle / rate)), POINTING_S, "s")
-            return LateOrbit(products["align"], time, angle, -rate, delay, "attitude", InertialSensor.name)
+            delay = records.Parameter(-float(np.median(angle / rate)), POINTING_S, "s")
+            return of_late_orbit(products["align"], time, angle, -rate, delay, "attitude", InertialSensor.name)
     swing = observed_swing.view_of(products, scene) if "align" in products else None
     roll = observed_roll.view_of(products, rolling) if "bias" in products else None
     views = [view for view in (roll, swing) if view]
@@ -73,7 +63,7 @@ def observe(
         start=np.array([known[name] for name in parameters]),
         quiet=dict.fromkeys(swing.channels, swing.quiet) if swing else {},  # in a roll noise is measured in the rows
         lines=tuple(
-            LineSearch(c, a, observed_swing.TONE, "m s-2") for c in channels if c in READABLE for a in range(3)
+            records.LineSearch(c, a, observed_swing.TONE, "m s-2") for c in channels if c in READABLE for a in range(3)
         ),
     )
 
@@ -90,7 +80,7 @@ def off_the_orbit(aligned: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 @dataclass(frozen=True)
-class InertialSensor(Observations):
+class InertialSensor(records.Observations):
     """Observations of a swing and a roll, one of them None if it was not flown; blocks are made when asked for."""
 
     swing: SwingView | None
@@ -101,7 +91,7 @@ class InertialSensor(Observations):
     scale: np.ndarray
     start: np.ndarray
     quiet: Mapping[str, float] = field(default_factory=dict)
-    lines: tuple[LineSearch, ...] = ()
+    lines: tuple[records.LineSearch, ...] = ()
 
     name = "inertial_sensor"
     step = observed_swing.STEP
@@ -126,7 +116,7 @@ class InertialSensor(Observations):
         return [sum(rolled[: k + 1]) if one else 0 for k, one in enumerate(rolled)]
 
     @functools.cached_property
-    def blocks(self) -> list[Block]:
+    def blocks(self) -> list[records.Block]:
         """Blocks of both; parameters first among the global columns, then those of the swing that are not reported."""
         swung = self.swing.blocks(self.parameters) if self.swing else []
         width = swung[0].global_columns.shape[1] if swung else len(self.parameters)
@@ -135,9 +125,9 @@ class InertialSensor(Observations):
 
     def _known(self, width, time):
         """What is known of k_y beforehand."""
-        column, nothing = np.zeros((1, width)), np.zeros((1, 0))
+        column = np.zeros((1, width))
         column[0, self.parameters.index("k_y")] = 1 / self.swing.k_y_sigma
-        return Block("known beforehand", np.zeros(1), column, nothing, np.array(["prior"]), np.ones(1, dtype=int), time)
+        return records.Block.of("known beforehand", np.zeros(1), "prior", 1, time, shared=column)
 
     @property
     def counts(self) -> tuple[int, int]:
@@ -146,7 +136,7 @@ class InertialSensor(Observations):
         return swung, len(self.blocks) - swung
 
     @functools.cached_property
-    def candidates(self) -> list[Candidate]:
+    def candidates(self) -> list[records.Candidate]:
         """Candidates over the blocks of both; an effect that both can show acts in both."""
         before, after = self.counts
         of_roll = {(one.cause, one.form): one for one in self._of_roll(self.roll.candidates() if self.roll else [])}
@@ -167,13 +157,13 @@ class InertialSensor(Observations):
         rolling = self.roll and self.roll.segment_of(epoch) is not None
         return observed_roll.STEP_EVERY_S if rolling else observed_swing.STEP_S
 
-    def near(self, fitted: Fitted) -> list[Candidate]:
+    def near(self, fitted: records.Fitted) -> list[records.Candidate]:
         """Steps at epochs near that of a finding, in the swing or in a segment of the roll."""
         one = fitted.candidate
-        epoch = one.at if np.isfinite(one.at) else epoch_of(one.cause)
+        epoch = one.at if np.isfinite(one.at) else records.epoch_of(one.cause)
         return self._steps(epoch, epoch + self.spacing(epoch) * NEAR)
 
-    def response(self, entry: Entry) -> list[np.ndarray]:
+    def response(self, entry: records.Entry) -> list[np.ndarray]:
         """Whitened rows of each block that an effect adds, a step at its own epoch."""
         values = entry.values
         epoch = values.get("time", np.nan)
@@ -193,7 +183,7 @@ class InertialSensor(Observations):
             return self._of_roll([observed_swing.step(t, [None] * index + [columns]) for t, columns in rows])
         return [replace(one, columns=one.columns + [None] * self.counts[1]) for one in self.swing.steps(at)]
 
-    def wave(self, search: LineSearch) -> Callable[[int, float], np.ndarray]:
+    def wave(self, search: records.LineSearch) -> Callable[[int, float], np.ndarray]:
         """Function (block, Hz) -> whitened cosine and sine (n, 2) on an axis; those of the last frequency are kept."""
         rolled = search.channel == observed_roll.CHANNEL
         view, before = (self.roll, self.counts[0]) if rolled else (self.swing, 0)
@@ -214,7 +204,7 @@ class InertialSensor(Observations):
         time, axis, names = (np.concatenate([getattr(b, n) for b in joined]) for n in ("time", "axis", "channel"))
         return self.roll.reading_of(rows[names[np.lexsort((time, axis))] == channel])
 
-    def without(self, model: Sequence[Entry]) -> xr.Dataset:
+    def without(self, model: Sequence[records.Entry]) -> xr.Dataset:
         """Record of the swing, of the roll where there is no other, without the effects of a model."""
         return (self.swing or self.roll).without(model)
 
@@ -226,4 +216,4 @@ NOTE = (
 )
 ROLL = " Straight pieces lie between the segments; its mean is left out."
 TURNED = " It is the rotation beside that at a mean rate, as the voltages predict it and the tracker sees it."
-REPORT = Reported(note=NOTE, readings={observed_roll.CHANNEL: ROLL, "attitude": TURNED})
+REPORT = records.Reported(note=NOTE, readings={observed_roll.CHANNEL: ROLL, "attitude": TURNED})

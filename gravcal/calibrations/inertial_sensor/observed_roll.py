@@ -14,7 +14,7 @@ import xarray as xr
 from scipy.fft import next_fast_len
 from scipy.optimize import nnls
 
-from gravcal.calibrations.causes import added_by, listed, unknown
+from gravcal.calibrations.causes import added_by, along, listed, unknown
 from gravcal.calibrations.inertial_sensor import bias as segments
 from gravcal.calibrations.inertial_sensor.observed_swing import EFFECTS, TONE, waves_of
 from gravcal.effects import effect
@@ -67,13 +67,6 @@ class RollView:
         """Length of a bin."""
         return float(self.time[0, 1] - self.time[0, 0])
 
-    @property
-    def along(self) -> np.ndarray:
-        """Angle along the orbit (s, b) rad since the record begins, at the mean rate by the gravity gradient."""
-        record = self.products["segment"]
-        motion = np.sqrt(np.linalg.norm(record["gradient_b"].values, axis=(1, 2)) / np.sqrt(6))  # |G| = sqrt(6) n^2
-        return np.nanmean(motion) * (self.time - float(record["time"][0]))
-
     @functools.cached_property
     def wander(self) -> np.ndarray:
         """Standard deviation (3,) m s-2 of the constants about a straight line, as large as it may be.
@@ -88,23 +81,13 @@ class RollView:
         variance = np.sum(rest**2, axis=0) / max(time.size - 2, 1) * (1 + ALIKE) / (1 - ALIKE)
         return np.sqrt(np.maximum(variance, np.mean(biased["segment_sigma"].values[used] ** 2, axis=0)))
 
-    @property
-    def noise(self) -> list[noise.NoiseModel]:
-        """Noise of each axis, times `level`."""
-        return self._measured[0]
-
-    @property
-    def level(self) -> Levels:
-        """Amplitude of the noise in the bins (s b, 3), one unless it changes along the record."""
-        return self._measured[1]
-
     @functools.cached_property
-    def _measured(self):
+    def noise(self) -> tuple[list[noise.NoiseModel], Levels]:
         """Noise of each axis: a sum of power laws, which goes on where the amplitudes of a segment leave nothing.
 
-        It is fitted to periodograms of all segments, those that touch joined, of what is left beside the amplitudes and
-        every form that is tried; power laws are drawn and go through the same. Constants and trends are noise here,
-        a jump is none.
+        With it comes its amplitude in the bins (s b, 3), one unless it changes along the record. It is fitted to
+        periodograms of all segments, those that touch joined, of what is left beside the amplitudes and every form that
+        is tried; power laws are drawn and go through the same. Constants and trends are noise here, a jump is none.
         """
         squares = (self.steady / np.abs(self.steady).max(axis=(0, 1))) ** 2
         count = np.rint((self.time - self.time[0, 0]) / self.step_s).astype(int)
@@ -145,9 +128,10 @@ class RollView:
 
         The last three, which hold the constants, are zero.
         """
-        whole, nothing = np.ones(added.shape[1], dtype=bool), np.zeros((3, added.shape[3]))
-        level = self.level.value.reshape(*self.time.shape, 3).swapaxes(1, 2).reshape(len(self.time), -1, 1)[first:]
-        white = [noise.whitened(self.noise, one, whole) / louder for one, louder in zip(added, level, strict=False)]
+        (models, level), whole = self.noise, np.ones(added.shape[1], dtype=bool)
+        level = level.value.reshape(*self.time.shape, 3).swapaxes(1, 2).reshape(len(self.time), -1, 1)[first:]
+        white = [noise.whitened(models, one, whole) / louder for one, louder in zip(added, level, strict=False)]
+        nothing = np.zeros((3, added.shape[3]))
         return [np.concatenate([one, nothing]) for one in white]
 
     def blocks(self, parameters: Sequence[str], width: int, *, alone: bool) -> list[Block]:
@@ -180,14 +164,13 @@ class RollView:
             local[-3:] = held
             epochs = np.append(np.tile(time, 3), np.full(3, time[0]))
             steps = self.steps(s, np.arange(time[0] + EDGE_S, time[-1] - EDGE_S, STEP_EVERY_S) - self.step_s / 2)
-            error = self.level.error.reshape(*self.time.shape, 3)[s].mean(axis=0)
+            error = self.noise[1].error.reshape(*self.time.shape, 3)[s].mean(axis=0)
             uncertain = {(CHANNEL, a): float(one) for a, one in enumerate(error) if one}
             blocks.append(Block(f"roll {s + 1}", rows[:, 0], columns, local, channel, axis, epochs, steps, uncertain))
         if alone:
             known = np.zeros((3, width))
             known[:, places[3:6]] = np.eye(3) / UNKNOWN_M
-            words, epochs = np.full(3, "offset"), np.full(3, self.time[0, 0])
-            blocks.append(Block("offset", np.zeros(3), known, np.zeros((3, 0)), words, np.arange(3), epochs))
+            blocks.append(Block.of("offset", np.zeros(3), "offset", np.arange(3), self.time[0, 0], shared=known))
         return blocks
 
     def steps(self, index: int, epochs: np.ndarray) -> dict[float, np.ndarray]:
@@ -213,7 +196,7 @@ class RollView:
                 candidates += listed(entry, self.rows(self._turned())).each_alone()
         for driver, form, values in self.series():
             columns = self.rows(values[:, :, None, None] * np.eye(3))
-            candidates.append(unknown(driver, f"{CHANNEL} reading, {form}", "linear", "m s-2", columns))
+            candidates.append(unknown(driver, f"{CHANNEL} reading, {form}", columns, "m s-2", along("linear")))
         return candidates
 
     def _read(self, entry, added):
@@ -259,7 +242,9 @@ class RollView:
         for n, name in ((1, "the roll angle"), (2, "twice the roll angle"), (3, "three times the roll angle")):
             wave = self.turn**n
             rows += [("attitude", f"cosine of {name}", wave.real), ("attitude", f"sine of {name}", wave.imag)]
-        rows += [("latitude", *one) for one in waves(self.along)]
+        record = self.products["segment"]
+        motion = np.sqrt(np.linalg.norm(record["gradient_b"].values, axis=(1, 2)) / np.sqrt(6))  # |G| = sqrt(6) n^2
+        rows += [("latitude", *one) for one in waves(np.nanmean(motion) * (self.time - float(record["time"][0])))]
         reading = (self.steady + self.start[:3]) / USUAL
         rows += [("reading", *one) for one in products(reading, "square of {}")]
         rate = self.rate_b[:, :, 1] - self.rate_b[:, :, 1].mean()
@@ -268,10 +253,9 @@ class RollView:
 
     def reading_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time s, linear reading (n, 3) m s-2 of the baseline, whitened rows (3 n, q), axis by axis, in its unit."""
-        count, size = self.time.shape
-        each, whole = rows.reshape(3, count, size, -1), np.ones(size, dtype=bool)
-        each = each * self.level.value.T.reshape(3, count, size, 1)
-        columns = [[noise.unwhiten(self.noise[a], one, whole) for one in each[a]] for a in range(3)]
+        (models, level), whole = self.noise, np.ones(self.time.shape[1], dtype=bool)
+        each = rows.reshape(3, *self.time.shape, -1) * level.value.T.reshape(3, *self.time.shape, 1)
+        columns = [[noise.unwhiten(models[a], one, whole) for one in each[a]] for a in range(3)]
         columns = np.moveaxis(np.array(columns).reshape(3, self.time.size, -1), (2, 1, 0), (0, 1, 2))
         model = np.matvec(self.tensor, self.start[3:]) - self.start[:3]
         return self.time.ravel(), model.reshape(-1, 3), columns

@@ -13,8 +13,7 @@ import xarray as xr
 from scipy.linalg import solve_triangular
 from scipy.signal import lfilter
 
-from gravcal.calibrations.causes import added_by, listed, on_axes, unknown
-from gravcal.calibrations.inertial_sensor import align
+from gravcal.calibrations.causes import added_by, along, listed, on_axes, unknown
 from gravcal.calibrations.inertial_sensor import model as fits
 from gravcal.calibrations.inertial_sensor.estimate import Record, noise_models, quiet_blocks, record_of, swing_of
 from gravcal.effects import effect
@@ -24,6 +23,7 @@ from gravcal.effects.drivers import products
 from gravcal.estimation import noise
 from gravcal.estimation.noise import without_lines
 from gravcal.estimation.records import Block, Candidate, Entry, at_epoch
+from gravcal.estimation.resampling import bin_means, lines_between
 from gravcal.physics import frames, kinematics, sensing
 
 STEP, TONE, LOOP = "accelerometer.bias_step", "accelerometer.stray_tone", "inertial_sensor.loop_delay"
@@ -80,7 +80,7 @@ class SwingView:
 
     def attitude_rows(self, angle_b: np.ndarray) -> np.ndarray:
         """Whitened rows (r, q) of a rotation from predicted to measured attitude, (m, 3, q) rad at its tags."""
-        mean, _ = align.bin_means(self.swing.time_att, angle_b, self.swing.edges)
+        mean, _ = bin_means(self.swing.time_att, angle_b, self.swing.edges)
         rows = mean.reshape(self.system.valid.size, -1)[self.system.valid]
         return solve_triangular(self.system.lower, np.nan_to_num(rows), lower=True)
 
@@ -125,9 +125,8 @@ class SwingView:
             columns = np.zeros((len(rows), width))
             columns[:, places[channel]] = rows[:, 1:]
             for word, part in zip(("even", "odd"), stretches, strict=True):
-                names, none = np.full(part.size, channel), np.zeros((part.size, 0))
-                words = f"{channel} {word}"
-                blocks.append(Block(words, rows[part, 0], columns[part], none, names, axis[part], time[part]))
+                about = rows[part, 0], channel, axis[part], time[part]
+                blocks.append(Block.of(f"{channel} {word}", *about, shared=columns[part]))
         return blocks
 
     def cut(self, **rows: np.ndarray) -> list[np.ndarray | None]:
@@ -149,7 +148,7 @@ class SwingView:
         number = np.clip(np.searchsorted(swing.edges, swing.time, side="right") - 1, 0, swing.edges.size - 2)
         straight = fits.interpolated(self.record.time, np.nan_to_num(self.record.rate_dot_b), swing.time)
         abrupt = self.motion.rate_dot_b - beta * self.system.voltage_noise[number] - straight
-        power, count = align.bin_means(swing.time, abrupt**2, swing.edges)
+        power, count = bin_means(swing.time, abrupt**2, swing.edges)
         noise_b = beta * np.sqrt(swing.voltage_variance * np.median(count))
         return straight + np.where((power > (STILL * noise_b) ** 2)[number], abrupt, 0.0)
 
@@ -183,7 +182,7 @@ class SwingView:
 
     def binned(self, values: np.ndarray) -> np.ndarray:
         """Means (b, ...) over the bins of values (n, ...) at the epochs of the sensor."""
-        return np.nan_to_num(align.bin_means(self.swing.time, values, self.swing.edges)[0])
+        return np.nan_to_num(bin_means(self.swing.time, values, self.swing.edges)[0])
 
     def candidates(self) -> list[Candidate]:
         """Effects, steps, then functions of the motion and of time, added to the linear or to the angular readings."""
@@ -195,10 +194,10 @@ class SwingView:
         series = list(self.series(about))
         for driver, form, values in series:
             columns = self.cut(linear=self.linear_rows(self.binned(values)[:, None, None] * np.eye(3)))
-            candidates.append(unknown(driver, f"linear reading, {form}", "linear", "m s-2", columns))
+            candidates.append(unknown(driver, f"linear reading, {form}", columns, "m s-2", along("linear")))
         for driver, form, values in series:
             columns = self.cut(attitude=-self.turned_rows(values[:, None, None] * np.eye(3)))
-            candidates.append(unknown(driver, f"angular reading, {form}", "angular", "rad s-2", columns))
+            candidates.append(unknown(driver, f"angular reading, {form}", columns, "rad s-2", along("angular")))
         return candidates
 
     def _rows(self, entry, about):
@@ -218,7 +217,7 @@ class SwingView:
                 late = np.gradient(about.angular_b, about.time, axis=0)[:, :, None]
                 return {"attitude": self.turned_rows(late)}
             case "sca_delay":
-                rate = align.lines_between(time_att, about.time, about.rate_b)
+                rate = lines_between(time_att, about.time, about.rate_b)
                 return {"attitude": self.attitude_rows(-rate[:, :, None])}
         return {"attitude": self.attitude_rows(np.broadcast_to(np.eye(3), (time_att.size, 3, 3)))}
 
@@ -310,10 +309,10 @@ class SwingView:
             if known.channel == "electrode_v":
                 volts -= known.contribution(about, values)
             elif known.channel == "acc_delay":
-                volts[:] = align.lines_between(time + values[0], time, volts)
+                volts[:] = lines_between(time + values[0], time, volts)
             elif known.slug == LOOP:
                 readouts = electrodes.readouts(volts)
-                readouts[:, 3:] = align.lines_between(time + values[0], time, readouts[:, 3:])
+                readouts[:, 3:] = lines_between(time + values[0], time, readouts[:, 3:])
                 volts[:] = electrodes.volts(readouts)
             elif known.channel == "sca_delay":
                 extended.coords["time_att"] = extended["time_att"] - values[0]

@@ -5,7 +5,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations import checks, named_parameters
-from gravcal.calibrations.align import QUATERNION, between, usable
+from gravcal.calibrations.align import QUATERNION, STATE, between, body_field, usable
 from gravcal.calibrations.checks import at_most
 from gravcal.calibrations.magnetometer import model
 from gravcal.calibrations.magnetometer.model import SCHEMAS
@@ -146,7 +146,7 @@ def compare(
     north, east and centre into the body by our orbit and attitude; less the reference field there, it is interpolated.
     """
     sca_time, quaternion = usable(camera, QUATERNION)
-    orbit_time, state = usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
+    orbit_time, state = usable(orbit, STATE)
     time, field = theirs["time"].values, model.field(aligned)
     inside = (time >= max(sca_time[0], orbit_time[0])) & (time <= min(sca_time[-1], orbit_time[-1]))
     time, position_e, field_n = time[inside], *(theirs[n].values[inside] for n in ("position_e", "field_n"))
@@ -165,7 +165,7 @@ def compare(
     quaternion = frames.continuous(quaternion)
     R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))
     theirs_b = np.matvec(R_bi, np.matvec(np.swapaxes(R_ei, 1, 2), field_e))
-    reference = model.body_field(orbit_time, state[:, :3], sca_time, quaternion, settings.pop("igrf_generation"))
+    reference = body_field(orbit_time, state[:, :3], sca_time, quaternion, settings.pop("igrf_generation"))
     rest = theirs_b - reference(time)[0]
     rest = np.stack([np.interp(field.time, time, one) for one in rest.T], axis=1)[matched]
     known = dict(zip(found["parameter"].values.tolist(), np.nan_to_num(found["value"].values), strict=True))

@@ -5,17 +5,16 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations import checks, schemas
-from gravcal.calibrations.align import QUATERNION, off_orbit, usable
+from gravcal.calibrations.align import QUATERNION, STATE, body_field, off_orbit, usable
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
 from gravcal.effects.sensors import OF_MAGNETOMETER, OF_WARMTH
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
-from gravcal.physics import earth, frames, magnetic, orbit_environment
+from gravcal.physics import earth, frames, orbit_environment
 
 SCHEMAS = schemas.of("magnetometer.toml")
 
@@ -54,7 +53,7 @@ def align(
     columns = tuple(f"Mfv{a}_RAW" for a in "XYZ")
     time, values = usable(mag, (*columns, "current_b"))
     sca_time, quaternion = usable(camera, QUATERNION)
-    orbit_time, state = usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
+    orbit_time, state = usable(orbit, STATE)
     inside = np.zeros(time.size, dtype=bool)
     if sca_time.size > 1 and orbit_time.size > 1:
         inside = (time >= max(sca_time[0], orbit_time[0])) & (time <= min(sca_time[-1], orbit_time[-1]))
@@ -119,19 +118,6 @@ def late(aligned: xr.Dataset, camera_limit_s: float, delay_limit_s: float) -> di
         if abs(best) > delay_limit_s and CLEARLY * min(left) < left[APART_S]:
             found["timing.magnetometer_delay"] = float(best), before(one.time - best) - model
     return found
-
-
-def body_field(orbit_time, position_e, sca_time, quaternion, generation):
-    """Reference field and direction of the main dipole in the body: function of time."""
-    to_inertial = np.swapaxes(earth.R_ei(orbit_time), 1, 2)
-    field_i = CubicSpline(orbit_time, np.matvec(to_inertial, magnetic.field_e(orbit_time, position_e, generation)))
-    axis_i = CubicSpline(orbit_time, orbit_environment.dipole_axis_i(orbit_time))
-
-    def at(time):
-        R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))
-        return np.matvec(R_bi, field_i(time)), np.matvec(R_bi, axis_i(time))
-
-    return at
 
 
 def field(aligned: xr.Dataset) -> Field:

@@ -6,17 +6,17 @@ causes that are tried, and only what the data support is named. Noise is white i
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.align import POINTING_S
-from gravcal.calibrations.causes import listed
+from gravcal.calibrations.causes import listed, unknown
 from gravcal.calibrations.magnetometer import model
 from gravcal.effects import effect
 from gravcal.estimation.noise import NoiseModel, unwhiten
-from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, Reported
+from gravcal.estimation.records import Block, Candidate, Entry, Observations, Parameter, Reported
 
 #: Errors s of tags that are far off, the second by 5 mrad of mounting.
 FAR = {"timing.star_camera_delay": POINTING_S, "timing.magnetometer_delay": 5.0}
@@ -38,7 +38,8 @@ def observe(products: Mapping[str, xr.Dataset], *, blocks: int, **settings) -> "
     parts, columns = np.array_split(np.arange(field.time.size), blocks), columns | {"unknown:time": drift}
     if late:  # nothing else is looked for beside what is not there
         columns = {cause: (moved / delay)[..., None] for cause, (delay, moved) in late.items()}
-    return Readings(aligned, field, noise, parts, columns, {cause: one[0] for cause, one in late.items()})
+    delays = {cause: Parameter(delay, FAR[cause], "s") for cause, (delay, _) in late.items()}
+    return Readings(aligned, field, noise, parts, columns, delays, {"magnetometer": noise[0].reflection.size})
 
 
 @dataclass(frozen=True)
@@ -50,17 +51,13 @@ class Readings(Observations):
     noise: list[NoiseModel]  #: of each axis, T
     parts: list[np.ndarray]  #: rows of each block
     columns: dict[str, np.ndarray]  #: {cause: (n, 3, q) T}
-    late: dict[str, float]  #: s, tags that are far off
+    delays: dict[str, Parameter] = field()  #: of tags that are far off by what orbit, attitude and field show
+    noise_order: Mapping[str, int] = field()
 
     name = "magnetometer"
     channels = ("magnetometer",)
     parameters = ()
     unit, scale, start = "T", np.zeros(0), np.zeros(0)
-
-    @property
-    def noise_order(self) -> dict[str, int]:
-        """Coefficients of the noise model."""
-        return {"magnetometer": self.noise[0].reflection.size}
 
     def _place(self, part):
         """Places of the records of a part on its grid."""
@@ -78,9 +75,8 @@ class Readings(Observations):
         for rows in self.parts:
             observed = self._rows(self.field.difference[..., None], rows)[:, 0]
             begin, end = self.field.time[rows[[0, -1]]] - self.field.time[0]
-            nothing, channel = np.zeros((observed.size, 0)), np.array(["magnetometer"] * observed.size)
-            axis, time = np.repeat([0, 1, 2], rows.size), np.tile(self.field.time[rows], 3)
-            made.append(Block(f"{begin:.0f} to {end:.0f} s", observed, nothing, nothing, channel, axis, time))
+            about = np.repeat([0, 1, 2], rows.size), np.tile(self.field.time[rows], 3)
+            made.append(Block.of(f"{begin:.0f} to {end:.0f} s", observed, "magnetometer", *about))
         return made
 
     @functools.cached_property
@@ -90,24 +86,17 @@ class Readings(Observations):
         for cause, values in self.columns.items():
             columns = [self._rows(values, rows) for rows in self.parts]
             if cause.startswith("unknown:"):
-                made.append(Candidate(cause, "drift", list("xyz"), ["T s-1"] * 3, columns))
+                made.append(unknown("time", "drift", columns, "T s-1"))
             else:
                 made.append(listed(effect(cause), columns, prior=False))
         return made
 
-    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
-        """Tags that are far off by what orbit, attitude and field show."""
-        if entry.cause not in self.late:
-            return entry
-        return replace(entry, parameters={"delay": Parameter(self.late[entry.cause], FAR[entry.cause], "s")})
-
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records less what the effects of a model add to the reading."""
         added = np.zeros_like(self.field.measured_b)
-        names = {one.cause: one.names for one in self.candidates}
-        for entry in model:
-            if entry.cause in self.columns:
-                added += self.columns[entry.cause] @ [entry.values.get(name, 0.0) for name in names[entry.cause]]
+        known = {one.cause: replace(one, columns=[self.columns[one.cause]]) for one in self.candidates}
+        for entry in (one for one in model if one.cause in known):
+            added += known[entry.cause].added(entry)[0]
         return self.aligned.assign(measured_b=self.aligned["measured_b"] - added)
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from gravcal.calibrations.causes import listed
+from gravcal.calibrations.causes import listed, unknown
 from gravcal.effects import Context, catalogue
 from gravcal.estimation.records import Block, Candidate, Observations, Reported
 from gravcal.physics import earth, magnetic
@@ -132,7 +132,7 @@ class Table(Observations):
             axis = np.concatenate([np.flatnonzero(known), zeros + 3]).astype(int)
             time = np.concatenate([np.full(known.sum(), float(row["order"])), zeros])
             label = f"{row['order']} {row['kind']} {row['latitude_class']}"
-            made.append(Block(label, observed, columns, np.zeros((observed.size, 0)), channel, axis, time))
+            made.append(Block.of(label, observed, channel, axis, time, shared=columns))
         return made
 
     @functools.cached_property
@@ -197,9 +197,9 @@ class Table(Observations):
         columns = [-mean[:, None]] * count
         found.append(Candidate("timing.accelerometer_delay", "", ["one_minus_cosine"], ["1"], columns, [1.0]))
         order = [(r["order"] - 4.0) * np.eye(3) for r in self.rows]
-        found.append(Candidate("unknown:time", "offset moves between manoeuvres", [*"xyz"], ["m"] * 3, order))
+        found.append(unknown("time", "offset moves between manoeuvres", order, "m"))
         low = [float(r["latitude_class"] == "low") * np.eye(3) for r in self.rows]
-        found.append(Candidate("unknown:latitude", "offset differs at low latitude", [*"xyz"], ["m"] * 3, low))
+        found.append(unknown("latitude", "offset differs at low latitude", low, "m"))
         return found
 
 

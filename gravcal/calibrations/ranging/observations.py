@@ -6,14 +6,14 @@ pointing as measured; its noise and phase centres are among the causes. Noise is
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicHermiteSpline
 
 from gravcal.calibrations.align import LATE_S, WHOLE_S
-from gravcal.calibrations.causes import LateOrbit, listed
+from gravcal.calibrations.causes import LateTags, listed, of_late_orbit
 from gravcal.calibrations.ranging import model
 from gravcal.effects import Context, Effect, effect
 from gravcal.estimation import least_squares, records
@@ -35,7 +35,7 @@ EFFECTS = (
 
 def observe(
     products: Mapping[str, xr.Dataset], *, nominal_m, correction_left_out: bool, determined_limit_mm: float, **settings
-) -> "Routine | LateOrbit":
+) -> "Routine | LateTags":
     """Observations of a day ("ranging.align"); settings as of `model.blocks`.
 
     correction_left_out takes the antenna correction of nominal_m (2, 3) away: a phase centre may then be named, a
@@ -48,8 +48,9 @@ def observe(
     ahead, segment = rows["time"].values + rows["late"].values[0], rows["segment"].values
     beyond = (ahead < rows["time"].values[0]) | (ahead > rows["time"].values[-1])  # by late tags no range is known
     rows = rows.assign(segment=("time", np.where(beyond, segment.max() + 1, segment)))  # in no block, for they are few
-    made = Routine(rows, [], nominal, added, determined_limit_mm)
-    late = late_columns(rows).get("ranging.delay", np.zeros((1, 1)))[:, 0] * rows["late"].values[0]
+    late = late_columns(rows)
+    made = Routine(rows, [], nominal, added, determined_limit_mm, bool(late))
+    late = late.get("ranging.delay", np.zeros((1, 1)))[:, 0] * rows["late"].values[0]
     tried = np.concatenate([columns for _, columns in made.laws], axis=1)
     return replace(made, parts=model.blocks(rows, **settings, added=added - late, beside=tried))
 
@@ -57,7 +58,7 @@ def observe(
 def _late_orbit(rows):
     """Observations of a day with one orbit of another time, by the range rate."""
     which = int(np.argmax(np.abs(rows["late"].values[3:])))
-    return LateOrbit(
+    return of_late_orbit(
         rows,
         *(rows[name].values for name in ("rate_time", "rate_left", "rate_change")),
         delay=Parameter(float(rows["late"].values[3 + which]), WHOLE_S, "s"),
@@ -94,16 +95,12 @@ class Routine(Observations):
     nominal: np.ndarray  #: (2, 3) m, phase centres of the catalogue
     added: np.ndarray | float  #: (n,) m, antenna correction
     determined_limit_mm: float  #: mm, largest sigma of a component that is determined
+    shifted: bool = field()  #: True if tags are minutes off
 
     name = "ranging"
     channels = ("range",)
     parameters = ()
     unit, scale, start = "mm", np.zeros(0), np.zeros(0)
-
-    @property
-    def shifted(self) -> bool:
-        """Whether tags are minutes off."""
-        return bool(late_columns(self.rows))
 
     @functools.cached_property
     def context(self) -> Context:
@@ -124,11 +121,8 @@ class Routine(Observations):
         for part in self.parts:
             first = self.context.time[part.rows[0]]
             rows = part.white((observed[part.rows] - observed[part.rows].mean())[:, None])
-            time = first + step * np.arange(len(rows))
-            channel, axis = np.array(["range"] * time.size), np.zeros(time.size, dtype=int)
-            label, slow = f"from {first:.0f} s", part.white(part.slow)
-            about = np.zeros((time.size, 0)), slow, channel, axis, time
-            made.append(records.Block(label, rows[:, 0], *about))
+            about = rows[:, 0], "range", 0, first + step * np.arange(len(rows))
+            made.append(records.Block.of(f"from {first:.0f} s", *about, local=part.white(part.slow)))
         return made
 
     @functools.cached_property

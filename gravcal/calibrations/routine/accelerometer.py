@@ -4,11 +4,11 @@ from collections.abc import Iterator
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import BSpline, CubicSpline
+from scipy.interpolate import BSpline
 from scipy.ndimage import binary_dilation
 
 from gravcal.calibrations import checks, named_parameters, schemas
-from gravcal.calibrations.align import QUATERNION, gps_tags, sorted_samples, usable
+from gravcal.calibrations.align import QUATERNION, STATE, body_field, gps_tags, sorted_samples, usable
 from gravcal.calibrations.causes import listed
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
@@ -16,7 +16,7 @@ from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import chi2_tail, least_squares, timing
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.estimation.records import Candidate
-from gravcal.physics import earth, frames, magnetic
+from gravcal.physics import frames
 
 SCHEMAS = schemas.of("routine.toml")
 
@@ -57,7 +57,7 @@ def align(
     names = [f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz"]
     time, values, flag, _ = sorted_samples(acc, tags, tuple(names))
     sca_time, quaternion = usable(camera, QUATERNION)
-    orbit_time, state = usable(orbit, tuple(f"{a}{k}" for k in ("pos", "vel") for a in "xyz"))
+    orbit_time, state = usable(orbit, STATE)
     good = (flag == 0) & np.isfinite(values).all(axis=1)
     for covered in (sca_time, orbit_time):
         good &= (time >= covered[0]) & (time <= covered[-1]) if covered.size > 3 else False
@@ -80,15 +80,12 @@ def align(
     ends = np.stack([middle - step_s / 2, middle + step_s / 2])
     ends[0, held] = np.minimum.reduceat(time, np.searchsorted(place, held)) - half
     ends[1, held] = np.maximum.reduceat(time, np.searchsorted(place, held)) + half
-    quaternion = frames.continuous(quaternion)
     found = {"time": middle, "linear_b": mean[:, :3], "angular_b": mean[:, 3:], "step": step_s}
     found |= {"begin": ends[0], "end": ends[1]}
     found |= _torquers(given.get("MAG1B"), ends, np.asarray(dipole_per_current))
-    field_e = magnetic.field_e(orbit_time, state[:, :3], igrf_generation)
-    field_i = CubicSpline(orbit_time, np.matvec(np.swapaxes(earth.R_ei(orbit_time), 1, 2), field_e))
-    inside = np.clip(middle, sca_time[0], sca_time[-1])
-    R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, inside))
-    torque = np.cross(found["dipole_b"], np.matvec(R_bi, field_i(inside)))
+    field_at = body_field(orbit_time, state[:, :3], sca_time, frames.continuous(quaternion), igrf_generation)
+    field_b, _ = field_at(np.clip(middle, sca_time[0], sca_time[-1]))
+    torque = np.cross(found["dipole_b"], field_b)
     found |= {"magnetic_b": np.linalg.solve(inertia, torque.T).T}
     lever = np.cross(np.asarray(position_b)[:12], np.asarray(force_b)[:12])
     found |= _firings(given.get("THR1B")) | {"nominal_b": np.linalg.solve(inertia, (lever[:6] + lever[6:]).T).T}

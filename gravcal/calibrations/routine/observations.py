@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
@@ -31,7 +31,9 @@ def observe(
     left = np.split(rest, np.cumsum([rows.size for rows, *_ in pieces])[:-1])
     count = found.sizes["parameter"] // 6
     noises, kept = accelerometer.noises(aligned, pieces, left, noise_order, count, transient_sigma)
-    return Readings(aligned, kept, noises, _causes(aligned, found))
+    known = [one for one in noises if one is not None]
+    order = dict.fromkeys(Readings.channels, known[0].coefficients[-1].size)
+    return Readings(aligned, kept, noises, _causes(aligned, found), order)
 
 
 def _causes(aligned, found):
@@ -66,17 +68,12 @@ class Readings(Observations):
     pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]]  #: rows, slow part and where a reading is, of each stretch
     noises: list[NoiseModel | None]  #: of each component, None where it has no reading
     causes: list[Candidate]  #: with their columns (n, 6, q) of the whole record
+    noise_order: Mapping[str, int] = field()  #: of the noise, which is that of these very rows
 
     name = "routine"
     channels = ("linear", "angular")
     parameters = ()
     unit, scale, start = "1", np.zeros(0), np.zeros(0)
-
-    @property
-    def noise_order(self) -> dict[str, int]:
-        """Coefficients of the noise, which is that of these very rows."""
-        known = [one for one in self.noises if one is not None]
-        return dict.fromkeys(self.channels, known[0].coefficients[-1].size)
 
     @property
     def parts(self) -> list[tuple]:
@@ -91,9 +88,10 @@ class Readings(Observations):
         observed[:, 3:] -= self.aligned["magnetic_b"].values
         for rows, slow, there, c in self.parts:
             white = whiten(self.noises[c], np.column_stack([observed[rows, c], slow]), there)
-            label, channel = f"{COMPONENTS[c]} from {time[rows[0]]:.0f} s", np.full(rows.size, self.channels[c // 3])
-            axis, nothing = np.full(rows.size, c % 3), np.zeros((rows.size, 0))
-            made.append(Block(label, white[:, 0], nothing, white[:, 1:], channel, axis, time[rows]))
+            about = self.channels[c // 3], c % 3, time[rows]
+            made.append(
+                Block.of(f"{COMPONENTS[c]} from {time[rows[0]]:.0f} s", white[:, 0], *about, local=white[:, 1:])
+            )
         return made
 
     @functools.cached_property
@@ -121,8 +119,7 @@ class Readings(Observations):
         """Aligned records less what the effects of a model add to the readings."""
         added, known = np.zeros((self.aligned.sizes["time"], 6)), {one.cause: one for one in self.causes}
         for entry in (_firings_moved(one, -1.0) for one in model if one.cause in known):
-            cause = known[entry.cause]
-            added += cause.columns[0] @ [entry.values.get(name, 0.0) for name in cause.names]
+            added += known[entry.cause].added(entry)[0]
         less = {"linear_b": added[:, :3], "angular_b": added[:, 3:]}
         return self.aligned.assign({name: self.aligned[name] - one for name, one in less.items()})
 

@@ -8,11 +8,11 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.align import POINTING_S, WHOLE_S
-from gravcal.calibrations.causes import LateOrbit, listed
+from gravcal.calibrations.causes import LateTags, listed, of_late_orbit, unknown
 from gravcal.calibrations.thrusters import estimate, model
 from gravcal.calibrations.thrusters.model import Firings, Segment
 from gravcal.effects import Context, effect
-from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Parameter, Reported
+from gravcal.estimation.records import Block, Candidate, Entry, Observations, Parameter, Reported
 from gravcal.physics import frames, orbit_environment
 
 #: In the model where firings at wrong times are tried, if they are there.
@@ -27,7 +27,7 @@ SEEN = 3.0  # sigma of a bias between heads that may move the attitude
 
 def observe(
     products: Mapping[str, xr.Dataset], *, inertia, block_s: float, knot_s: float, camera_limit_s: float
-) -> "Attitude | LateOrbit":
+) -> "Attitude | LateTags":
     """Observations of one day: "align" and "noise" of thrusters, "heads" where there is SCA1A.
 
     Where attitude and firings agree and the orbit is of another time, nothing but that.
@@ -37,7 +37,7 @@ def observe(
     time, angle, rate = model.off_the_orbit(products["align"])
     apart = float(np.median(angle / rate))
     if abs(apart) > camera_limit_s and abs(late) <= LATE_S:
-        return LateOrbit(
+        return of_late_orbit(
             products["align"], time, angle, -rate, Parameter(-apart, POINTING_S, "s"), "pitch", Attitude.name
         )
     rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
@@ -67,11 +67,10 @@ class Attitude(Observations):
         """Firings when the attitude shows them."""
         return self.records.firings.late_by(self.late)
 
-    def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
+    @property
+    def delays(self) -> dict[str, Parameter]:
         """Delays as the attitude shows them."""
-        if not self.late or entry.cause not in DELAYS:
-            return entry
-        return replace(entry, parameters={"delay": Parameter(float(DELAYS[entry.cause] * self.late), WHOLE_S, "s")})
+        return {slug: Parameter(float(sign * self.late), WHOLE_S, "s") for slug, sign in DELAYS.items() if self.late}
 
     @functools.cached_property
     def signals(self) -> list[Candidate]:
@@ -95,22 +94,18 @@ class Attitude(Observations):
                 [s.after_torque(constant.columns(one)) for s, one in zip(segments, contexts, strict=True)],
             ),
             unweighed(mounting, [mounting.columns(one) for one in contexts]),
-            _driver(
-                "star_camera_quality",
-                "attitude follows qual_rss",
-                "1",
-                [segment.camera.quality[:, None, None] * np.eye(3) for segment in segments],
-            ),
         ]
+        quality = [segment.camera.quality[:, None, None] * np.eye(3) for segment in segments]
+        made.append(unknown("star_camera_quality", "attitude follows qual_rss", quality, "1"))
         heads = model.heads_of(segments)[:-1]
         if heads:
             names = [f"{axis}_of_{head}" for head in heads for axis in "xyz"]
             steps = [segment.heads(heads) for segment in segments]
-            made.append(_driver("star_camera_in_use", "attitude steps", "rad", steps, names))
+            made.append(unknown("star_camera_in_use", "attitude steps", steps, "rad", names))
             made += self._by_the_heads(segments)
         if self.records.twin is not None:
             other = [segment.gains(self.records.twin) for segment in segments]
-            made.append(_driver("twin_firings", "impulse", "N m s", other))
+            made.append(unknown("twin_firings", "impulse", other, "N m s"))
         return [*made, *self._along_the_orbit(segments)]
 
     def _by_the_heads(self, segments: list[Segment]):
@@ -144,7 +139,7 @@ class Attitude(Observations):
             each = dipole.columns(Context(time=time, dipole_b=np.zeros((time.size, 3))))
             torque = np.cross(np.moveaxis(each, 2, 1), field_b[:, None, :])
             of_dipole.append(segment.after_torque(np.moveaxis(torque, 1, 2)))
-        return [_driver("sunlight", "torque in sunlight", "N m", in_light), unweighed(dipole, of_dipole)]
+        return [unknown("sunlight", "torque in sunlight", in_light, "N m"), unweighed(dipole, of_dipole)]
 
     @functools.cached_property
     def whitened(self) -> list[Candidate]:
@@ -166,9 +161,8 @@ class Attitude(Observations):
         for row in self.rows:
             count, begin = row.observed.size // 3, row.segment.camera.time[0]
             time = np.tile(begin + row.segment.camera.step_s * np.arange(count), 3)
-            channel, axis = np.repeat(self.channels, count), np.zeros(3 * count, dtype=int)
-            nothing, label = np.zeros((3 * count, 0)), f"from {begin:.0f} s"
-            made.append(Block(label, row.observed / size, nothing, row.smooth / size, channel, axis, time))
+            about = row.observed / size, np.repeat(self.channels, count), 0, time
+            made.append(Block.of(f"from {begin:.0f} s", *about, local=row.smooth / size))
         return made
 
     @functools.cached_property
@@ -182,17 +176,10 @@ class Attitude(Observations):
         added = np.zeros((self.aligned.sizes["time"], 3))
         for entry in model:
             for one in (s for s in self.signals if (s.cause, s.form) == (entry.cause, entry.form)):
-                size = [entry.values.get(name, 0.0) for name in one.names]
-                for row, columns in zip(self.rows, one.columns, strict=True):
-                    at = np.searchsorted(self.records.camera.time, row.segment.camera.time)
-                    added[at] += columns @ size
+                for row, angle in zip(self.rows, one.added(entry), strict=True):
+                    added[np.searchsorted(self.records.camera.time, row.segment.camera.time)] += angle
         turned = frames.quaternion_product(self.records.camera.quaternion, frames.from_rotation_vector(-added))
         return self.aligned.assign(quaternion=self.aligned["quaternion"].copy(data=turned))
-
-
-def _driver(driver, form, unit, columns, names=("x", "y", "z")):
-    """Driver that is no effect of the catalogue."""
-    return Candidate(f"unknown:{driver}", form, list(names), [unit] * len(names), columns)
 
 
 NOTE = (
