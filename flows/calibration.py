@@ -8,6 +8,7 @@ docs/adding_a_calibration.md.
 import functools
 import importlib
 import json
+import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from datetime import datetime
@@ -187,18 +188,29 @@ class Calibration:
         return {"event": ref.event, "origin": found.attrs["origin"], "manoeuvres": list(self.manoeuvres(found))}
 
 
-def of_one_satellite(module: str) -> Callable:
-    """Simulation that writes the Level-1 files of one satellite, for a record.
+def stated(file: str) -> dict:
+    """Fields of a record that are data: its name, and those of the TOML file beside its module, lists as tuples."""
+    content = tomllib.loads(Path(file).with_suffix(".toml").read_text(encoding="utf-8"))
+    plain = lambda value: tuple(value) if isinstance(value, list) else value  # noqa: E731
+    tables = {n: {k: plain(v) for k, v in one.items()} for n, one in content.items() if isinstance(one, dict)}
+    return {"name": Path(file).stem} | {name: plain(one) for name, one in content.items()} | tables
 
-    The module has ``simulate(numbers of the satellite, chosen, day, seed, effects)`` -> columns by product, truth.
+
+def of_columns(module: str) -> Callable:
+    """Simulation that writes the Level-1 files of the satellites of its settings, for a record.
+
+    The module has ``simulate(satellite, chosen, day, seed, effects)`` as `gravcal.simulation` says; its columns are by
+    product, or by product and letter.
     """
 
     def simulation(out, chosen, day, seed, effects, _truth):
-        numbers = catalog.satellite(chosen.satellite).settings()
-        columns, invented = importlib.import_module(module).simulate(numbers, chosen, day, seed, effects)
-        for product, values in columns.items():
-            writers.write(values, out / writers.file_name(product, chosen.date, chosen.satellite))
-        return invented | {"satellite": chosen.satellite}
+        letters = chosen.satellites if "satellites" in chosen.entries else chosen.satellite
+        flown = letters if letters[1:] else catalog.satellite(letters).settings()
+        columns, invented = importlib.import_module(module).simulate(flown, chosen, day, seed, effects)
+        for name, values in columns.items():
+            product, letter = (name, letters) if isinstance(name, str) else name
+            writers.write(values, out / writers.file_name(product, chosen.date, letter))
+        return invented | {"satellite": letters}
 
     return simulation
 

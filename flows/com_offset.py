@@ -1,26 +1,17 @@
 """Centre-of-mass offset: from Level-1 files to a reported offset."""
 
-import importlib
-
-from flows.calibration import Calibration, Discovery, model_result, of_one_satellite
+from flows.calibration import Calibration, Discovery, model_result, of_columns, stated
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
 from tasks import com_offset, common
+from tasks.stage import lazy
 
-SIMULATION = "gravcal.simulation.com_offset"
+simulator = lazy("gravcal.simulation.com_offset")
+
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 TORQUERS = ("inertia", "dipole_per_current")
 TORQUERS_WITH_SIGMA = (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
-#: Level-1 products read, most wanted first.
-PRODUCTS = {
-    "acc": ("ACC1A",),
-    "sca": ("SCA1B",),
-    "mag": ("MAG1B",),
-    "orbit": ("GNI1B", "GNV1B"),
-    "tim": ("TIM1B",),
-    "clk": ("CLK1B",),
-}
 
 
 @flow(name="com_offset")
@@ -35,7 +26,7 @@ def calibrate(source, chosen):
     combined = com_offset.combine(*solved, **chosen.for_stage("combine"))
     if moved or added:
         combined = com_offset.model_error(combined, *moved, added=added, **chosen.for_stage("model_error"))
-    others = [common.ingest(file, event=source.event) for file in source.files(*PRODUCTS["orbit"])[1:]]
+    others = [common.ingest(file, event=source.event) for file in source.files(*CALIBRATION.inputs["orbit"])[1:]]
     judged = com_offset.checks(aligned, checked, smoothed, *others, **chosen.for_stage("checks"))
     products = (combined, *solved, *angular, smoothed, checked, surveyed, found, aligned, judged)
     known, settings = catalog.satellite(source.satellite).settings(), chosen.for_report()
@@ -45,7 +36,7 @@ def calibrate(source, chosen):
 
 
 def _aligned(source, chosen):
-    files = {name: common.ingest(source.file(*names), event=source.event) for name, names in PRODUCTS.items()}
+    files = {name: common.ingest(source.file(*names), event=source.event) for name, names in CALIBRATION.inputs.items()}
     found = com_offset.detect(files["mag"], **chosen.for_stage("detect"))
     return found, com_offset.align(found, *files.values(), **chosen.for_stage("align"))
 
@@ -98,7 +89,7 @@ def scene_settings(source, chosen):
 @flow(name="com_offset_detect")
 def detect(source, chosen):
     """Manoeuvres of one day."""
-    magnetometer = common.ingest(source.file(*PRODUCTS["mag"]), event=source.event)
+    magnetometer = common.ingest(source.file(*CALIBRATION.inputs["mag"]), event=source.event)
     return com_offset.detect(magnetometer, **chosen.for_stage("detect"))
 
 
@@ -142,27 +133,18 @@ DISCOVERY = Discovery(
     housekeeping=("MAS1B", "AHK1B"),
 )
 CALIBRATION = Calibration(
-    name="com_offset",
-    title="Centre-of-mass offset",
-    quantity="Proof mass to centre of mass, in the SRF",
-    begins=PRODUCTS["acc"],
-    satellites=("C", "D"),
-    inputs=PRODUCTS,
+    **stated(__file__),
     flow=calibrate,
     detect=detect,
     manoeuvres=manoeuvres,
-    simulation=of_one_satellite(SIMULATION),
+    simulation=of_columns("gravcal.simulation.com_offset"),
     products=com_offset.KINDS,
     result=values,
     printed={"history": results.printed_vector("µm")},
     recomputed=recomputed,
-    trims=True,
-    band=100.0,  # um, requirement on the offset
-    design="com_offset_session",
-    room=lambda *about: importlib.import_module(SIMULATION).room(*about),
-    library=lambda *about: importlib.import_module(SIMULATION).library(*about),
-    noise=("com_offset.noise",),
-    measured_noise=lambda *about: importlib.import_module(SIMULATION).measured_noise(*about),
+    room=lambda *about: simulator.room(*about),
+    library=lambda *about: simulator.library(*about),
+    measured_noise=lambda *about: simulator.measured_noise(*about),
     information=lambda products: products["solve"]["information"].values,
     foretold=lambda document: values(document, "mtq"),
     truth=lambda truth: truth["offset_um"],

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.calibration import Calibration, Discovery
+from flows.calibration import Calibration, Discovery, stated
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.errors import refuse
@@ -154,25 +154,14 @@ DISCOVERY = Discovery(
     again=1,
 )
 CALIBRATION = Calibration(
-    name="gradient_torque",
-    title="Gradient and torque",
-    quantity="Drag: sigma (rms) with one and with two sensors",
-    begins=("SGRS",),
-    satellites=("S",),
-    inputs={"sensors": ("SGRS",)},
+    **stated(__file__),
     flow=calibrate,
     simulation=simulation,
     files=daily,
-    mission="demo",
     level_one_files=lambda source: [daily.sgrs_file(source.folder, source.date)],
     document=document,
     products=gradient_torque.KINDS,
     result=values,
     recomputed=recomputed,
-    levels={
-        "two sensor": "drag_error_order_two_accelerometers",
-        "one sensor": "drag_error_order_single_accelerometer",
-        "one sensor published": "drag_error_order_single_accelerometer",
-    },
     discovery=DISCOVERY,
 )

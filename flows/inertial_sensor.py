@@ -2,7 +2,7 @@
 
 from datetime import timedelta
 
-from flows.calibration import EPOCH, Calibration, Discovery
+from flows.calibration import EPOCH, Calibration, Discovery, stated
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
@@ -201,19 +201,12 @@ def recomputed(document, section, printed, _run):
 SEEN = "gravcal.calibrations.inertial_sensor.observations"
 DISCOVERY = Discovery(views, SEEN, products=observed, again=2, rebuilt=rebuilt)
 CALIBRATION = Calibration(
-    name="inertial_sensor",
-    title="Inertial sensor",
-    quantity="Offset, scale factors and bias of the inertial sensor",
-    begins=("IS1",),
-    satellites=("T",),
-    inputs={"sensor": ("IS1",), "attitude": ("ATT",)},
+    **stated(__file__),
     flow=calibrate,
     detect=detect,
     manoeuvres=manoeuvres,
     simulation=simulation,
     files=daily,
-    mission="taiji",
-    span_days=100_000,  # all days of one folder are one event
     level_one_files=level_one_files,
     products=inertial_sensor.KINDS,
     result=values,
@@ -223,9 +216,7 @@ CALIBRATION = Calibration(
         "scale_factors": printed_factor,
         "bias": printed_component("bias", "m s-2"),
     },
-    design="inertial_sensor_swing",
     sessions=lambda limits, seconds: simulator.sessions(limits, seconds),
-    noise=("inertial_sensor.scale", "inertial_sensor.offset"),
     measured_noise=lambda *about: simulator.measured_noise(*about),
     foretold=foretold,
     truth=lambda truth: truth["com_to_test_mass_um"] + truth["k"],

@@ -4,7 +4,7 @@ from dataclasses import replace
 from datetime import timedelta
 from itertools import product
 
-from flows.calibration import EPOCH, Calibration, Discovery, model_result
+from flows.calibration import EPOCH, Calibration, Discovery, model_result, of_columns, stated
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.io import archive
@@ -13,15 +13,8 @@ from tasks import common, kbr_phase_centre
 from tasks.stage import lazy
 
 simulator = lazy("gravcal.simulation.kbr_phase_centre")
-writers = lazy("gravcal.io.writers")
 
 OBSERVABLES = ("range", "range_rate", "range_acceleration")
-#: Letters of a pair, by that of their common products.
-PAIRS = {"X": "AB", "Y": "CD"}
-COMMON = {pair: letter for letter, pair in PAIRS.items()}
-#: Level-1 products read, most wanted first.
-RANGING = ("KBR1B", "LRI1B")
-ORBIT = ("GNI1B", "GNV1B")
 
 
 @flow(name="kbr_phase_centre")
@@ -49,7 +42,7 @@ def with_equations(source, chosen, aligned, observables):
 
 def inputs_checked(source, chosen, files, aligned, pointed, equations):
     """Checks of orbits, attitudes and ranging against each other, with the equations of range and range rate."""
-    wanted, other = ORBIT
+    wanted, other = CALIBRATION.inputs["orbit"]
     orbits = [one for k, one in enumerate(files) if k % 5 in (1, 2)]  # that were read, and others of the same days
     for day, letter in product(_days(source), source.satellite):
         if all(archive.holds(source.folder, name, letter, day) for name in (wanted, other)):
@@ -104,9 +97,9 @@ def detect(source, chosen):
 
 def level_one_files(source, first="KBR1B"):
     """Ranging (the first if it is there), orbits and attitudes of all days."""
-    ranging = sorted(RANGING, key=lambda name: name != first)
-    wanted = [(ranging, COMMON[source.satellite])]
-    wanted += [(products, letter) for products in (ORBIT, ("SCA1B",)) for letter in source.satellite]
+    ranging = sorted(CALIBRATION.begins, key=lambda name: name != first)
+    wanted = [(ranging, archive.TOGETHER[source.satellite])]
+    wanted += [(CALIBRATION.inputs[name], letter) for name in ("orbit", "sca") for letter in source.satellite]
     sources = [replace(source, date=day) for day in _days(source)]
     return [one.file(*products, satellite=letter) for one in sources for products, letter in wanted]
 
@@ -118,8 +111,8 @@ def ingested(source, chosen):
 
 def _days(source):
     """Days of a source: its own and those of its manoeuvres in the catalogue, or all of the folder."""
-    files, letter = archive.inventory(source.folder), COMMON[source.satellite]
-    there = sorted({one.date for one in files if one.product in RANGING and one.satellite == letter})
+    files, letter = archive.inventory(source.folder), archive.TOGETHER[source.satellite]
+    there = sorted({one.date for one in files if one.product in CALIBRATION.begins and one.satellite == letter})
     if not source.date:
         return there
     spans = [second for _, one in _known(source.event) for second in (one.start, one.stop)]
@@ -158,14 +151,6 @@ def manoeuvres(found):
         yield {"satellite": letters[number], "kind": kind, "start": float(start), "stop": float(stop)}
 
 
-def simulation(out, chosen, day, seed, effects, _truth):
-    """Truth of an invented day of a pair; its Level-1 files are written."""
-    columns, invented = simulator.simulate(chosen.satellites, chosen, day, seed, effects)
-    for (name, letter), values in columns.items():
-        writers.write(values, out / writers.file_name(name, chosen.date, letter))
-    return invented | {"satellite": chosen.satellites}
-
-
 def values(document):
     """Adopted phase centre of each satellite."""
     for letter, block in ((document.get("adopted") or {}).get("satellites") or {}).items():
@@ -202,26 +187,17 @@ DISCOVERY = Discovery(
     result=lambda source, chosen, aligned: _solved(source, chosen, aligned)[-1],
 )
 CALIBRATION = Calibration(
-    name="kbr_phase_centre",
-    title="KBR phase centre",
-    quantity="Centre of mass to phase centre, in the SRF",
-    begins=RANGING,
-    satellites=("A", "B", "AB", "C", "D", "CD", *PAIRS),
-    inputs={"ranging": RANGING, "orbit": ORBIT, "sca": ("SCA1B",)},
+    **stated(__file__),
     flow=calibrate,
     detect=detect,
     manoeuvres=manoeuvres,
-    simulation=simulation,
-    pairs=PAIRS,
-    span_days=31,  # that the sub-manoeuvres of one campaign may be spread over
+    simulation=of_columns("gravcal.simulation.kbr_phase_centre"),
     level_one_files=level_one_files,
     products=kbr_phase_centre.KINDS,
     result=values,
     recomputed=recomputed,
     printed={"vkb1b": results.printed_vector("mm")},
-    design="kbr_wiggle",
     sessions=lambda limits, seconds: simulator.sessions(limits, seconds),
-    noise=("kbr_phase_centre.noise",),
     measured_noise=lambda *about: simulator.measured_noise(*about),
     foretold=values,
     truth=lambda truth: sum(truth["phase_centre_mm"].values(), []),

@@ -2,7 +2,7 @@
 
 import functools
 
-from flows.calibration import Calibration, Discovery, of_one_satellite
+from flows.calibration import Calibration, Discovery, of_columns, stated
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.io import cdf
@@ -51,14 +51,9 @@ DISCOVERY = Discovery(
     records=aligned,
 )
 CALIBRATION = Calibration(
-    name="magnetometer",
-    title="Magnetometer",
-    quantity="Magnetometer against the reference field, in the SRF",
-    begins=("MAG1B",),
-    satellites=("A", "B", "C", "D"),
-    inputs={"mag": ("MAG1B",), "sca": ("SCA1B",), "orbit": ("GNV1B",)},
+    **stated(__file__),
     flow=calibrate,
-    simulation=of_one_satellite("gravcal.simulation.magnetometer"),
+    simulation=of_columns("gravcal.simulation.magnetometer"),
     products=magnetometer.KINDS,
     result=results.parameters,
     discovery=DISCOVERY,

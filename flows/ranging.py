@@ -1,7 +1,7 @@
 """Routine pointing: from ranging, orbits and attitudes of a day without wiggles to the phase centres."""
 
 from flows import kbr_phase_centre as wiggles
-from flows.calibration import Calibration, Discovery
+from flows.calibration import Calibration, Discovery, stated
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
@@ -35,15 +35,9 @@ DISCOVERY = Discovery(
     records=lambda source, chosen: quiet_rows(source, chosen)[0],
 )
 CALIBRATION = Calibration(
-    name="ranging",
-    title="Routine pointing",
-    quantity="Centre of mass to phase centre by routine pointing, in the SRF",
-    begins=wiggles.RANGING,
-    satellites=wiggles.CALIBRATION.satellites,
-    inputs=wiggles.CALIBRATION.inputs,
+    **stated(__file__),
     flow=calibrate,
-    simulation=wiggles.simulation,
-    pairs=wiggles.PAIRS,
+    simulation=wiggles.CALIBRATION.simulation,
     level_one_files=wiggles.level_one_files,
     products=ranging.KINDS,
     result=results.parameters,

@@ -4,7 +4,7 @@ import functools
 from dataclasses import replace
 
 from flows import discover, engine, magnetometer, ranging, thrusters
-from flows.calibration import Calibration, Discovery, of_one_satellite
+from flows.calibration import Calibration, Discovery, of_columns, stated
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
@@ -121,14 +121,9 @@ DISCOVERY = Discovery(
     together=search,
 )
 CALIBRATION = Calibration(
-    name="routine",
-    title="Routine day",
-    quantity="What the instruments of a routine day read, in the SRF",
-    begins=("SCA1B",),
-    satellites=("A", "B", "C", "D"),
-    inputs={"acc": ("ACC1A", "ACT1A"), "sca": ("SCA1B",), "orbit": ("GNV1B",), "tim": ("TIM1B",), "clk": ("CLK1B",)},
+    **stated(__file__),
     flow=simulate_and_fit,
-    simulation=of_one_satellite("gravcal.simulation.com_offset"),
+    simulation=of_columns("gravcal.simulation.com_offset"),
     products=routine.KINDS,
     result=results.parameters,
     discovery=DISCOVERY,

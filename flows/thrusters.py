@@ -3,7 +3,7 @@
 import functools
 from dataclasses import replace
 
-from flows.calibration import Calibration, Discovery, of_one_satellite
+from flows.calibration import Calibration, Discovery, of_columns, stated
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
@@ -63,14 +63,9 @@ DISCOVERY = Discovery(
     products=products,
 )
 CALIBRATION = Calibration(
-    name="thrusters",
-    title="Attitude thrusters",
-    quantity="Gain of the impulses over lever arm x force x time on, and delay of the tags",
-    begins=("THR1B",),
-    satellites=("A", "B", "C", "D"),
-    inputs={"sca": ("SCA1B",), "thrusters": ("THR1B",), "orbit": ("GNV1B",)},
+    **stated(__file__),
     flow=calibrate,
-    simulation=of_one_satellite("gravcal.simulation.thrusters"),
+    simulation=of_columns("gravcal.simulation.thrusters"),
     products=thrusters.KINDS,
     result=results.parameters,
     discovery=DISCOVERY,
