@@ -26,6 +26,7 @@ SI_UNITS = tomllib.loads(Path(__file__).with_name("units.toml").read_text(encodi
 BITS = {"b8": "u1", "b16": "u2", "b32": "u4"}
 INTEGERS = ("i1", "i4", "u1", "u2", "u4")
 FLOATS = ("f4", "f8")
+GRACE_ID = {"name": "GRACE_id", "meaning": "GRACE satellite identifier", "range": ["A", "B"]}
 
 
 @dataclass(frozen=True)
@@ -146,23 +147,15 @@ def _loaded(name):
 
 
 def _for_grace(table, grace):
-    changed = {**table, **{k: v for k, v in grace.items() if k not in ("flags", "ranges", "units")}}
+    changed = {**table, **{k: v for k, v in grace.items() if k not in ("flags", "change")}}
     changed["flags"] = {**table.get("flags", {}), **grace.get("flags", {})}
+    change = grace.get("change", {}) | {"GRACEFO_id": GRACE_ID}
     for key in ("columns", "optional", "repeated"):
-        changed[key] = [dict(column) for column in changed.get(key, [])]
-        for column in changed[key]:
-            if column["name"] == "GRACEFO_id":
-                column |= {"name": "GRACE_id", "meaning": "GRACE satellite identifier", "range": ["A", "B"]}
-            for given, what in (("ranges", "range"), ("units", "unit")):
-                if column["name"] in grace.get(given, {}):
-                    column[what] = grace[given][column["name"]]
+        changed[key] = [column | change.get(column["name"], {}) for column in changed.get(key, [])]
     if "optional_of" in grace:
         other = _loaded(grace["optional_of"])
         changed["optional"] = other["optional"] + other["grace"]["extra_optional"]
     changed["optional"] = sorted(changed["optional"] + grace.get("extra_optional", []), key=lambda c: c["bit"])
-    changed["swapped_in_binary"] = [
-        "GRACE_id" if n == "GRACEFO_id" else n for n in changed.get("swapped_in_binary", [])
-    ]
     changed["title"] = table["title"].replace("GRACE-FO", "GRACE")
     return changed
 
