@@ -524,7 +524,7 @@ def rebuild(product, json) -> None:
 
 
 @command_of(app)
-def settings(calibration, name, forget, json) -> None:
+def settings(calibration, name, json) -> None:
     """Show parameters with value, unit, the stages they reach and reason, and the configurations that were run."""
     if calibration is None:
         found = {one: configurations.operational(one) for one in command.known()}
@@ -534,10 +534,6 @@ def settings(calibration, name, forget, json) -> None:
             output.table(["calibration", "parameters", "operational", "experiments"], rows)
         return
     command.record(calibration)
-    if forget:
-        configurations.forget(calibration, name or "")
-        output.say(f"{calibration}: {name} is forgotten; gravcal products prune removes what only it used")
-        return
     known = {one: configurations.settings_of(calibration, one) for one in configurations.names(calibration)}
     plain, used = catalog.parameters(calibration), configurations.chosen(calibration, {})
     names, shown = list(plain.entries), known

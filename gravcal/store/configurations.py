@@ -59,7 +59,7 @@ def chosen(calibration, given, name=None):
     known = _recorded(calibration, name)
     if known is not None and known["settings"] != changed or name == CATALOGUE and changed:
         was = ", ".join(said(known["settings"] if known else {}))
-        remedy = f"Give another name with --as, or forget it: gravcal settings {calibration} {name} --forget."
+        remedy = f"Give another name with --as, or remove it: gravcal products prune --configuration {name}."
         _refuse(calibration, name, ", ".join(said(changed)), f"{was}, for which it stands", remedy)
     return dataclasses.replace(found, configuration=name)
 
@@ -138,20 +138,6 @@ def promote(calibration, name, why, who=None):
     with path.open("a", encoding="utf-8") as journal:
         journal.write(json.dumps(line) + "\n")
     return line
-
-
-def forget(calibration, name):
-    """Remove the record of an experiment and its readable links, so that its products may be pruned."""
-    settings_of(calibration, name)
-    if name in (OPERATIONAL, CATALOGUE, operational(calibration)["name"]):
-        found = "what is operational, or the catalogue"
-        _refuse(calibration, name, found, "an experiment", "Promote another one first.")
-    recorded = (location.folder() / "configurations").glob(f"*/{name}.json")
-    others = {path.parent.name for path in recorded} - {calibration}
-    for link in (location.folder() / "latest").glob(f"*/as/{name}/*"):
-        if link.is_symlink() and link.name.partition(".")[0] not in others:
-            link.unlink()
-    _path(calibration, name).unlink()
 
 
 def said(settings):

@@ -146,14 +146,17 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
 
     Younger ones than `keep_s`, by default an hour, stay. Of a store with more bytes than its quota the oldest go first,
     none younger than an hour. Links of experiments whose names fit the pattern `configuration`, and that nobody has
-    promoted do not count once they are older, and go too. Without `remove` all are only named.
+    promoted do not count once they are older, and go too, with their records. Without `remove` all are only named.
     """
     keep_s = (YOUNG_S if quota is None else math.inf) if keep_s is None else keep_s
     latest, dropped = location.folder() / "latest", []
     if configuration:
-        links = [link for link in latest.glob("*/as/*/*") if link.is_symlink() and _age_s(link) > keep_s]
-        names = fnmatch.filter({link.parent.name for link in links} - configurations.promoted(), configuration)
-        dropped = [link for link in links if link.parent.name in names]
+        links = [link for link in latest.glob("*/as/*/*") if link.is_symlink()]
+        young = {link.parent.name for link in links if _age_s(link) <= keep_s}
+        records = {path: path.stem for path in (location.folder() / "configurations").glob("*/[!.]*.json")}
+        names = fnmatch.filter({*records.values()} - configurations.promoted(), configuration)
+        dropped = [link for link in links if link.parent.name in names and _age_s(link) > keep_s]
+        dropped += [one for one, name in records.items() if name in {*names} - young and _age_s(one) > keep_s]
     roots = {link for link in (*latest.glob("*/*"), *latest.glob("*/as/*/*"), *_pins().glob("*")) if link.is_symlink()}
     needed = store.ancestry(*(link.readlink().name for link in roots - set(dropped)))
     unused = [folder for folder in folders() if folder.name not in needed]
