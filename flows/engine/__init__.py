@@ -52,14 +52,14 @@ class Unknown(GravcalError):
 def flow(*, name):
     """Decorator that gives a function of stages the name under which it runs; called, it runs inline.
 
-    Readable links are those of the configuration that the arguments name.
+    Readable links are those of the configuration that the parameters are of.
     """
 
     def decorate(body):
         @functools.wraps(body)
-        def configured(*arguments):
-            with location.configured(configuration_of(arguments)):
-                return body(*arguments)
+        def configured(source, chosen):
+            with location.configured(configuration_of(chosen)):
+                return body(source, chosen)
 
         configured.flow_name = name
         return configured
@@ -67,10 +67,9 @@ def flow(*, name):
     return decorate
 
 
-def configuration_of(arguments):
-    """Configuration that the parameters among the arguments of a flow name."""
-    named = (getattr(one, "configuration", None) for one in arguments)
-    return next((name for name in named if name), location.OPERATIONAL)
+def configuration_of(chosen):
+    """Configuration that parameters are of."""
+    return getattr(chosen, "configuration", location.OPERATIONAL)
 
 
 def single_threaded():
@@ -84,32 +83,32 @@ def one_thread():
     return threadpoolctl.threadpool_limits(1)
 
 
-def plan(body, *arguments):
+def plan(body, source, chosen):
     """Steps that a flow would do, in order, and ProductRef of the result, None where that needs what is not there."""
     planner = Planner()
     with stage.using(planner):
         try:
-            ref = body(*arguments)
+            ref = body(source, chosen)
         except Unknown as stop:
             return [*planner.steps, Step(stop.facts["event"], "(the rest)", "may run", (str(stop),), None)], None
     return planner.steps, ref
 
 
-def run(body, *arguments, engine="prefect", listener=None):
+def run(body, source, chosen, engine="prefect", listener=None):
     """ProductRef of the result of a flow; Prefect is started only when something has to be made.
 
     The listener (call, state, ref) hears of each stage done, "cached" or "made".
     """
     single_threaded()
-    steps, ref = plan(body, *arguments)
+    steps, ref = plan(body, source, chosen)
     told = history.other_versions_said(reason for step in steps if step.action == "reuse" for reason in step.reasons)
     if told:
         warn(told)
     if ref is not None and all(step.action == "reuse" for step in steps):
         engine = "inline"
     planned = [step.stage for step in steps]
-    noted = history.recorded(body.flow_name, _event(arguments), planned)
-    with location.configured(configuration_of(arguments)), noted as note, one_thread():
+    noted = history.recorded(body.flow_name, getattr(source, "event", None), planned)
+    with location.configured(configuration_of(chosen)), noted as note, one_thread():
 
         def heard(*stage_done):
             note(*stage_done)
@@ -118,11 +117,11 @@ def run(body, *arguments, engine="prefect", listener=None):
 
         if engine == "prefect":
             try:
-                return _through_prefect(body, arguments, heard, steps)
+                return _through_prefect(functools.partial(body, source, chosen), body.flow_name, heard, steps)
             except servers.Unavailable as error:
                 warn(f"Prefect's server is not available ({error}); running without it.")
         with stage.using(stage.inline, heard):
-            return body(*arguments)
+            return body(source, chosen)
 
 
 def attempt(part):
@@ -138,10 +137,6 @@ def attempt(part):
         raise
     except GravcalError as error:
         return error
-
-
-def _event(arguments):
-    return getattr(arguments[0], "event", None) if arguments else None
 
 
 class Planner:
@@ -239,15 +234,13 @@ def _raw_file(part, label):
 @contextlib.contextmanager
 def other_store(folder):
     """Let everything inside use another store."""
-    before = os.environ.get("GRAVCAL_PRODUCTS")
+    before = dict(os.environ)
     os.environ["GRAVCAL_PRODUCTS"] = folder
     try:
         yield
     finally:
-        if before is None:
-            del os.environ["GRAVCAL_PRODUCTS"]
-        else:
-            os.environ["GRAVCAL_PRODUCTS"] = before
+        del os.environ["GRAVCAL_PRODUCTS"]
+        os.environ.update(before)
 
 
 @dataclass(frozen=True)
@@ -287,7 +280,7 @@ class Submitter:
                 pending.future.result()
 
 
-def _through_prefect(body, arguments, listener, steps):
+def _through_prefect(body, name, listener, steps):
     """Result of a flow whose stages are Prefect tasks; Unavailable without a server."""
     engine = Submitter(listener)
 
@@ -298,7 +291,7 @@ def _through_prefect(body, arguments, listener, steps):
         if rows:
             create_table_artifact(table=rows, key="plan", description=f"Plan of {steps[0].event}")
         with stage.using(engine):
-            ref = body(*arguments)
+            ref = body()
             engine.raise_first()
             return engine.resolve(ref)
 
@@ -306,7 +299,7 @@ def _through_prefect(body, arguments, listener, steps):
     import prefect  # noqa: F401 - takes seconds, while the server comes up
 
     with servers.running(begun) as url:
-        return flow_on(url, stages, body.flow_name, lambda: len(engine.pending))
+        return flow_on(url, stages, name, lambda: len(engine.pending))
 
 
 def flow_on(url, body, name, count):
