@@ -285,24 +285,6 @@ def test_of_many_events_several_are_one_task(monkeypatch):
     assert len(states) == 3
 
 
-def test_a_cluster_makes_all_events_whichever_is_waited_for_first(fakecal, events, monkeypatch):
-    """Contract: every event once, in the order of the sources."""
-
-    class Client:
-        def submit(self, make, campaign, source, folder, **_):
-            row = make(campaign, source, folder)
-            return SimpleNamespace(result=lambda: row)
-
-    monkeypatch.setattr(campaigns, "cluster", lambda *_: contextlib.nullcontext(Client()))
-    chosen = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline")
-    summary = campaigns.run(chosen, command.many_sources("fakecal", None, events))
-    assert [row["event"] for row in summary["events"]] == [f"fake-{number}" for number in range(1, 5)]
-    assert summary["counts"] == {"delivered": 4}
-    monkeypatch.setattr(campaigns, "as_tasks", lambda waiting, row_of: [row_of(one) for one in reversed(waiting)])
-    last_first = campaigns.Campaign("fakecal", command.chosen("fakecal", None).with_settings({"gain": 3.0}), "flow")
-    assert campaigns.run(last_first, command.many_sources("fakecal", None, events))["counts"] == {"delivered": 4}
-
-
 def paths():
     """Where the project and its libraries are, for an interpreter with a standard library of its own."""
     return os.pathsep.join(one for one in sys.path if one and not one.startswith(sys.base_prefix))

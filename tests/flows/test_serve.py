@@ -11,7 +11,6 @@ import threading
 import time
 import urllib.parse
 from pathlib import Path
-from unittest import mock
 
 import psutil
 import pytest
@@ -20,7 +19,7 @@ import requests
 from flows import campaign as campaigns
 from flows import serve
 from flows.engine import server
-from gravcal.errors import CatalogError, ProductError
+from gravcal.errors import CatalogError
 from gravcal.store import location
 
 ROOT = Path(__file__).parents[2]
@@ -450,25 +449,6 @@ def test_reports_are_served_to_who_has_the_link_and_nothing_else(store_folder):
         assert requests.get(there, headers={"Host": "evil.example"}, timeout=10).status_code == 421
     with serve.reports() as again:
         assert again.partition("?")[2] == address.partition("?")[2]  # links stay good
-
-
-@pytest.mark.usefixtures("_prefect")
-def test_the_row_of_an_event_links_its_report_and_too_few_for_a_note_are_no_failure(monkeypatch, store_folder):
-    """Contract: values with sigma, or what went wrong; the link leads to the served page; the note says why."""
-    from flows import scheduled
-
-    row = scheduled._table_row({"event": "one", "status": "delivered", "said": "x 1.00 +- 0.50 um", "verdict": "good"})
-    assert (row["values"], row["said"]) == ("x 1.00 +- 0.50 um", "good")
-    assert scheduled._table_row({"event": "one", "status": "failed", "error": "why"})["said"] == "why"
-    folder, notes = store_folder / "objects" / "ab" / "key", []
-    folder.mkdir(parents=True)
-    (folder / "report.html").write_text("")
-    assert list(scheduled._links({"report": str(folder)})) == [(folder / "report.html").as_uri()]
-    refused = mock.Mock(side_effect=ProductError("one event"))
-    monkeypatch.setattr(scheduled, "create_markdown_artifact", lambda text, **about: notes.append((about["key"], text)))
-    monkeypatch.setattr(scheduled.discover, "joint", refused)
-    scheduled._together("com_offset", "C", None, None, 0)
-    assert notes == [("com-offset-joint", "one event")]
 
 
 @pytest.mark.usefixtures("_prefect")

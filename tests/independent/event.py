@@ -26,9 +26,8 @@ class Settings:
     manoeuvres: list | None = None  # None: the seven; else (kind, area) pairs or mappings of plan.Manoeuvre fields
     window_s: tuple = (300.0, 300.0)  # quiet time before and after each manoeuvre
     effects: dict = field(default_factory=dict)  # see catalogue.EFFECTS
-    noise_scale: float = 1.0  # of all instruments; 0 leaves quantisation and tag rounding
+    noise_scale: float = 1.0  # of all instruments
     noise_change: float = 0.0  # spread of the logarithm of its amplitude from window to window, of each instrument
-    quantise: bool = True
     start_fraction: float | None = None  # of the second in which each wave starts; None: random for each
     inertia: tuple = (110.49, 580.67, 649.69)  # kg m2
     control: str = "off"  # control currents during a manoeuvre: "off" or "on"

@@ -46,10 +46,7 @@ def spoil(scene, linear, angular):
         series = noise.coloured(stream(world.seed, kind, start), len(values), tables)
         values += loudness(scene, kind) * series
     linear, angular = linear + BIAS[s.satellite][0], angular + BIAS[s.satellite][1]
-    if s.quantise:
-        linear = np.rint(linear / LINEAR_STEP) * LINEAR_STEP
-        angular = np.rint(angular / ANGULAR_STEP) * ANGULAR_STEP
-    return linear, angular
+    return np.rint(linear / LINEAR_STEP) * LINEAR_STEP, np.rint(angular / ANGULAR_STEP) * ANGULAR_STEP
 
 
 def star_camera(scene, keep):
@@ -63,7 +60,7 @@ def star_camera(scene, keep):
 def magnetometer(scene, keep, half):
     """Field in uT, renewed once a second (rows with half = 1, repeated by the next row), and currents in mA."""
     world = scene.world
-    s, e = world.settings, world.effects
+    e = world.effects
     current = scene.current[keep]
     field = scene.field[keep] * 1e6 * (1 + e["mag_scale"]["value"])
     field = field + 1e-3 * (world.mag_bias_nt + current @ e["mag_current_leak"]["value"].T)
@@ -71,7 +68,5 @@ def magnetometer(scene, keep, half):
     field = field + rng.normal(0, 5e-3 * loudness(scene, "mag"), field.shape)
     repeat = np.flatnonzero(half == 0)
     field[repeat[repeat > 0]] = field[repeat[repeat > 0] - 1]
-    if s.quantise:
-        field = np.rint(field / FIELD_STEP_UT) * FIELD_STEP_UT
-        current = np.rint(current / world.step_ma) * world.step_ma
+    field, current = np.rint(field / FIELD_STEP_UT) * FIELD_STEP_UT, np.rint(current / world.step_ma) * world.step_ma
     return field.astype(np.float32), current.astype(np.float32)
