@@ -63,14 +63,14 @@ def _to_gps(path):
     from gravcal.estimation import timing
     from gravcal.io.readers import read
 
-    observed, limits = read(path), timing.Limits(max_gap_s=20.0, max_extrapolation_s=20.0, jump_s=1e-3)
+    observed, limits = read(path), (20.0, 20.0, 1e-3)
     seconds = START + 10 * np.arange(-1, 8642)
     none = np.zeros(len(seconds))
     on_board = timing.tim1b_clock(seconds, seconds, none, none.astype(int))
     receiver = timing.clk1b_clock(seconds, none - 0.016671, none, none.astype(int))
     tags = timing.Tags(observed.time_second.values, observed.time_fraction.values)
-    tags, lost = timing.converted(tags, on_board, limits)
-    tags, lost_too = timing.converted(tags, receiver, limits)
+    tags, lost = timing.converted(tags, on_board, *limits)
+    tags, lost_too = timing.converted(tags, receiver, *limits)
     return observed, tags.time, lost | lost_too
 
 

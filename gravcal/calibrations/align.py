@@ -17,6 +17,7 @@ QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
 #: from a manoeuvre, and least lag of tags that are off, s; pointing off by milliradians looks like a few seconds.
 LONGEST_S, EVERY_S, APART_S, MARGIN_S, LATE_S = 600, 60, 60, 300.0, 10.0
 CLEARLY = 4.0  # times what any lag further away leaves
+JUMP_S = 1e-6  # s, of a clock
 WHOLE_S = 0.5  # s, of lags that are looked for in whole seconds
 POINTING_S, OFF_S = 15.0, 60.0  # s, error of lags by the pointing, off the flight by 0.017 rad, and what is no pointing
 
@@ -37,12 +38,12 @@ def sorted_samples(observed: xr.Dataset, tags: timing.Tags, names: tuple[str, ..
     dated = np.isfinite(tags.fraction)
     kept = np.flatnonzero(dated)
     usable = timing.Tags(tags.second[kept], tags.fraction[kept])
-    order = timing.ordered(usable, [c[kept] for c in columns])
-    index = kept[order.index]
-    flag = (flagged[index] | order.conflicting).astype(np.uint8)
-    counts = order.counts | {"undated": int((~dated).sum()), "marked": int(flag.sum())}
+    order, conflicting, counts = timing.ordered(usable, [c[kept] for c in columns])
+    index = kept[order]
+    flag = (flagged[index] | conflicting).astype(np.uint8)
+    counts |= {"undated": int((~dated).sum()), "marked": int(flag.sum())}
     values = np.stack([c[index] for c in columns], axis=1) if columns else np.zeros((index.size, 0))
-    return usable.time[order.index], values, flag, counts
+    return usable.time[order], values, flag, counts
 
 
 def own_tags(observed: xr.Dataset) -> timing.Tags:
@@ -59,18 +60,13 @@ def usable(observed: xr.Dataset, names: tuple[str, ...]) -> tuple[np.ndarray, np
 
 def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_gap_limit_s: float):
     """GPS time of on-board tags: TIM1B to receiver time, CLK1B to GPS time."""
-    limits = timing.Limits(clock_gap_limit_s, clock_gap_limit_s, 1e-6)
-    onboard = timing.tim1b_clock(
-        tim1b["obctime"].values,
-        tim1b["rcvtime_intg"].values,
-        1e-9 * tim1b["rcvtime_frac"].values,
-        tim1b["qualflg"].values,
-    )
-    receiver = timing.clk1b_clock(
-        clk1b["rcv_time"].values, clk1b["eps_time"].values, clk1b["eps_drift"].values, clk1b["qualflg"].values
-    )
-    received, _ = timing.converted(own_tags(observed), onboard, limits)
-    gps, _ = timing.converted(received, receiver, limits)
+    limits = clock_gap_limit_s, clock_gap_limit_s, JUMP_S
+    names = ("obctime", "rcvtime_intg", "rcvtime_frac", "qualflg")
+    second, received, nano, flag = (tim1b[name].values for name in names)
+    onboard = timing.tim1b_clock(second, received, 1e-9 * nano, flag)
+    receiver = timing.clk1b_clock(*(clk1b[n].values for n in ("rcv_time", "eps_time", "eps_drift", "qualflg")))
+    received, _ = timing.converted(own_tags(observed), onboard, *limits)
+    gps, _ = timing.converted(received, receiver, *limits)
     return gps
 
 

@@ -36,29 +36,6 @@ class Clock:
     starts: np.ndarray
 
 
-@dataclass(frozen=True)
-class Limits:
-    """What may be bridged: the distance of two knots, the reach beyond the last one, the step that is a jump; in s."""
-
-    max_gap_s: float
-    max_extrapolation_s: float
-    jump_s: float
-
-
-@dataclass(frozen=True)
-class Ordering:
-    """Records in the order of time.
-
-    ``index`` (k,) of the records kept, ``conflicting`` (k,) bool where a dropped one had the same tag and other values,
-    ``dropped`` (d,) the others, ``counts`` of records, out_of_order, repeated and conflicting ones.
-    """
-
-    index: np.ndarray
-    conflicting: np.ndarray
-    dropped: np.ndarray
-    counts: dict
-
-
 def normalised(second, fraction) -> Tags:
     """Tags with the fraction carried into [0, 1) s."""
     second, fraction = np.asarray(second, np.int64), np.asarray(fraction, float)
@@ -101,11 +78,11 @@ def _clock(second, offset, drift, qualflg):
     return Clock(second[first], offset[first], drift[first], ends, starts)
 
 
-def converted(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.ndarray]:
+def converted(tags: Tags, clock: Clock, gap_s: float, reach_s: float, jump_s: float) -> tuple[Tags, np.ndarray]:
     """Tags in the time that a clock leads to, never across one of its jumps, and where they are undetermined (n,).
 
-    On-board tags for the clock of TIM1B, receiver time for that of CLK1B; undetermined is what lies beyond the limits,
-    in a gap, or at a jump.
+    On-board tags for the clock of TIM1B, receiver time for that of CLK1B; undetermined is what lies in a longer gap
+    between two knots, further beyond the last one, or at a larger jump.
     """
     if not len(clock.second):
         undetermined = np.ones(len(tags.second), bool)
@@ -118,29 +95,33 @@ def converted(tags: Tags, clock: Clock, limits: Limits) -> tuple[Tags, np.ndarra
     rises = np.diff(clock.offset)
     slope = np.append(np.divide(rises, steps, out=np.zeros(len(steps)), where=steps > 0), clock.drift[-1])
     offset = clock.offset[knot] + np.where(before, clock.drift[knot], slope[knot]) * past
-    determined = _reachable(clock, limits)[knot] | (past == 0)
+    determined = _reachable(clock, gap_s, jump_s)[knot] | (past == 0)
     outside = before | (knot == len(clock.second) - 1)
     open_end = np.where(before, ~clock.starts[0], ~clock.ends[-1])
-    determined[outside] = (open_end & (np.abs(past) <= limits.max_extrapolation_s))[outside]
+    determined[outside] = (open_end & (np.abs(past) <= reach_s))[outside]
     determined |= (past == 0) & ~before
     undetermined = ~determined | ~np.isfinite(tags.fraction)
     return normalised(tags.second, np.where(undetermined, np.nan, tags.fraction + offset)), undetermined
 
 
-def _reachable(clock, limits):
+def _reachable(clock, gap_s, jump_s):
     """Whether the clock may be followed from each knot to the next."""
     steps = np.diff(clock.second)
     foretold = clock.offset[:-1] + clock.drift[:-1] * steps
-    steady = np.abs(clock.offset[1:] - foretold) <= limits.jump_s
+    steady = np.abs(clock.offset[1:] - foretold) <= jump_s
     flagged = clock.ends[:-1] | clock.starts[1:]
     unexplained = (steps == 0) & ~flagged  # two offsets at one second, and nothing says which holds
     doubtful = np.append(unexplained, False) | np.insert(unexplained, 0, False)
     clear = ~(doubtful[:-1] | doubtful[1:])
-    return np.append((steps <= limits.max_gap_s) & steady & ~flagged & clear, False)
+    return np.append((steps <= gap_s) & steady & ~flagged & clear, False)
 
 
-def ordered(tags: Tags, values=()) -> Ordering:
-    """Order of tags that are all determined, repeated ones left out; two are equal if their values (n, ...) are."""
+def ordered(tags: Tags, values=()) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
+    """Records (k,) in the order of tags that are all determined, the first of each; two are equal if their values are.
+
+    With them comes where a dropped one had the same tag and other values (n, ...), (k,) bool, and counts of records,
+    out_of_order, repeated and conflicting ones.
+    """
     n = len(tags.second)
     order = np.lexsort([np.arange(n), tags.fraction, tags.second])
     second, fraction = tags.second[order], tags.fraction[order]
@@ -161,7 +142,7 @@ def ordered(tags: Tags, values=()) -> Ordering:
         "repeated": int((repeats & ~differs).sum()),
         "conflicting": int(differs.sum()),
     }
-    return Ordering(order[~repeats], conflicting[~repeats], order[repeats], counts)
+    return order[~repeats], conflicting[~repeats], counts
 
 
 #: Times what any lag further away than `near` gains, from which on a lag stands out: of noise the largest of a thousand

@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from gravcal.estimation import timing
 
 START = 738849600
-LIMITS = timing.Limits(max_gap_s=20.0, max_extrapolation_s=5.0, jump_s=1e-3)
+LIMITS = 20.0, 5.0, 1e-3  # s: gap, reach beyond the ends, jump
 
 
 def _clock(seconds, eps, flags=None, drift=0.0):
@@ -57,7 +57,7 @@ def test_tags_have_the_offset_of_the_clock_or_none(name):
     """Analytic: lines between records; never over a flag, a jump above 1 ms, a gap above 20 s, 5 s beyond the ends."""
     seconds, clock, lost, offsets = CASES[name]
     tags = _at(seconds)
-    moved, found = timing.converted(tags, _clock(*clock), LIMITS)
+    moved, found = timing.converted(tags, _clock(*clock), *LIMITS)
     assert_array_equal(found, [one in lost or np.isnan(one) for one in seconds])
     assert_allclose(_offset(tags, moved)[~found], offsets, rtol=0, atol=1e-15)
     assert ((moved.fraction[~found] >= 0) & (moved.fraction[~found] < 1)).all()
@@ -82,7 +82,7 @@ def test_records_without_mapping_leave_the_on_board_clock():
     assert_array_equal(clock.second, obc[:3])
     assert_allclose(clock.offset, [0, 119e-9, -119e-9], atol=1e-16)
     tags = _at([17.0])
-    moved, lost = timing.converted(tags, clock, LIMITS)
+    moved, lost = timing.converted(tags, clock, *LIMITS)
     assert not lost.any()
     assert_allclose(_offset(tags, moved), 0, atol=1e-16)
 
@@ -91,19 +91,17 @@ def test_records_are_ordered_and_repeats_reported():
     """Contract: one out of order, one equal repeat, one conflicting repeat; the first of each stays."""
     tags = _at([0.0, 2.0, 1.0, 2.0, 3.0, 3.0])
     values = np.array([0.0, 2.0, 1.0, 2.0, 3.0, 3.5])
-    found = timing.ordered(tags, values=[values])
-    assert_array_equal(found.index, [0, 2, 1, 4])
-    assert_array_equal(found.conflicting, [False, False, False, True])
-    assert_array_equal(found.dropped, [3, 5])
-    assert found.counts == {"records": 6, "out_of_order": 1, "repeated": 1, "conflicting": 1}
+    kept, conflicting, counts = timing.ordered(tags, values=[values])
+    assert_array_equal(kept, [0, 2, 1, 4])
+    assert_array_equal(conflicting, [False, False, False, True])
+    assert counts == {"records": 6, "out_of_order": 1, "repeated": 1, "conflicting": 1}
 
 
 @given(st.lists(st.integers(0, 20), max_size=40))
 @settings(max_examples=100, deadline=None)
 def test_order_is_increasing_and_loses_nothing(seconds):
-    """Analytic: kept and dropped are all records, kept tags increase."""
+    """Analytic: one record of each tag is kept, kept tags increase."""
     tags = timing.Tags(np.array(seconds, int), np.zeros(len(seconds)))
-    found = timing.ordered(tags, values=[np.arange(len(seconds))])
-    assert sorted([*found.index, *found.dropped]) == list(range(len(seconds)))
-    assert (np.diff(tags.second[found.index]) > 0).all()
-    assert found.counts["conflicting"] == len(found.dropped)
+    kept, _, counts = timing.ordered(tags, values=[np.arange(len(seconds))])
+    assert_array_equal(tags.second[kept], sorted(set(seconds)))
+    assert counts["conflicting"] == len(seconds) - len(kept)

@@ -10,7 +10,7 @@ from gravcal.io.readers import find, read
 
 pytestmark = pytest.mark.measured
 DAY = "2023-06-01"
-LIMITS = timing.Limits(max_gap_s=20.0, max_extrapolation_s=10.0, jump_s=1e-3)
+LIMITS = 20.0, 10.0, 1e-3  # s: gap, reach beyond the ends, jump
 
 
 def _tags(observed):
@@ -24,8 +24,8 @@ def _to_gps(folder, observed, satellite):
         tim.obctime.values, tim.receiver_second.values, tim.receiver_fraction.values, tim.qualflg.values
     )
     receiver = timing.clk1b_clock(clk.rcv_time.values, clk.eps_time.values, clk.eps_drift.values, clk.qualflg.values)
-    tags, lost = timing.converted(_tags(observed), on_board, LIMITS)
-    tags, lost_too = timing.converted(tags, receiver, LIMITS)
+    tags, lost = timing.converted(_tags(observed), on_board, *LIMITS)
+    tags, lost_too = timing.converted(tags, receiver, *LIMITS)
     return tags, lost | lost_too
 
 
