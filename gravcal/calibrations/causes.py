@@ -62,21 +62,13 @@ class LateTags(Observations):
     delays: Mapping[str, Parameter] = field()  #: {slug: delay}
     channels: tuple[str, ...]
     name: str
-    form: str = ""
-    parameters: tuple[str, ...] = ()  #: of a calibration whose result is made anew, of which these rows know nothing
-    unit: str = "1"
+    form: str
+    parameters: tuple[str, ...]  #: of a calibration whose result is made anew, of which these rows know nothing
+    unit: str
+    scale: np.ndarray
+    start: np.ndarray
 
     step, readable, shifted = "unknown:step", ("none",), True
-
-    @property
-    def scale(self) -> np.ndarray:
-        """One for each parameter."""
-        return np.ones(len(self.parameters))
-
-    @property
-    def start(self) -> np.ndarray:
-        """Nought for each."""
-        return np.zeros(len(self.parameters))
 
     @property
     def candidates(self) -> list[Candidate]:
@@ -123,5 +115,6 @@ def of_late_orbit(
         none = np.zeros((at.size, len(parameters)))
         blocks.append(Block.of(f"from {at[0]:.0f} s", white[:, 0], channel, 0, at, shared=none))
         columns.append(white[:, 1:])
-    slug = "timing.orbit_delay"
-    return LateTags(records, blocks, {slug: columns}, {slug: delay}, (channel,), name, form, tuple(parameters), unit)
+    slug, p = "timing.orbit_delay", len(parameters)
+    about = (channel,), name, form, tuple(parameters), unit, np.ones(p), np.zeros(p)
+    return LateTags(records, blocks, {slug: columns}, {slug: delay}, *about)

@@ -155,7 +155,10 @@ class ComOffset(Observations):
                 added = {channel: columns[..., 0] * delay for channel, columns in signal.items()}
             signals = {channel: values[..., None] for channel, values in added.items()}
             rows.append(one.whitened(signals)[:, 0] if added else np.zeros(one.size))
-        return [*rows, responses.edge_contribution(entry, self.smoothed, self.aligned["start"].values)]
+        column = responses.edge_column(entry.cause, self.smoothed, self.aligned["start"].values)
+        if column is None:  # of a lag as well: behind it the fitted edges stay where they were
+            return [*rows, np.zeros(self.smoothed["acc_shift"].size + 1)]
+        return [*rows, column[:, 0] * effect(entry.cause).values(entry.values)[0]]
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records without the effects of a model."""
@@ -195,7 +198,7 @@ class ComOffset(Observations):
 class Late(LateTags):
     """Angular accelerations of records whose tags are minutes off; the rest is looked for once these are moved."""
 
-    scale, step, whole_manoeuvres = ComOffset.scale, responses.STEP, True
+    step, whole_manoeuvres = responses.STEP, True
 
     def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
         """True if any tags were moved."""
@@ -247,7 +250,7 @@ def _late(aligned, late, order):
             share = [-1.0 if name == "mag" else float(name == one) for one in lags]
             columns[FAR[name][1]].append((np.repeat(share, 3 * place.size) * whole[:, 1])[:, None])
     delays = {FAR[name][1]: Parameter(float(seconds), WHOLE_S, "s") for name, seconds in late.items()}
-    about = ComOffset.name, "", ComOffset.parameters, ComOffset.unit
+    about = ComOffset.name, "", ComOffset.parameters, ComOffset.unit, ComOffset.scale, np.zeros(3)
     return Late(aligned, blocks, columns, delays, tuple(channels), *about)
 
 

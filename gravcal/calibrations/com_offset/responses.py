@@ -27,16 +27,8 @@ from gravcal.physics import frames
 FAMILIES = ("timing", "torque", "accelerometer", "attitude", "magnetometer")
 STEP = "accelerometer.bias_step"
 #: Baseline parameters, searched for along the time or frequency axis, of records that are not read here, or of days.
-NOT_HERE = (
-    "accelerometer.offset",
-    STEP,
-    "accelerometer.stray_tone",
-    "torque.thruster_firings",
-    "timing.thruster_delay",
-    "timing.orbit_delay",
-    "attitude.star_camera_heads",
-    *OF_WARMTH,
-)
+NOT_HERE = ("accelerometer.offset", STEP, "accelerometer.stray_tone", "torque.thruster_firings", *OF_WARMTH)
+NOT_HERE += ("timing.thruster_delay", "timing.orbit_delay", "attitude.star_camera_heads")
 TONES = {"linear": "accelerometer.stray_tone", "angular": "unknown:time"}
 UNITS = {"linear": "m s-2", "angular": "rad s-2"}
 MODE_STEP_HZ = 0.02
@@ -524,11 +516,3 @@ def subtract_field(extended: xr.Dataset, time: np.ndarray, added: np.ndarray) ->
         fresh = ~np.isin(others, rows)
         values[others[fresh]] -= added[same][fresh]
     values[rows] -= added
-
-
-def edge_contribution(entry: Entry, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray:
-    """Rows (k + 1,) of an effect among the edge times; behind a lag the fitted edges stay where they were."""
-    column = edge_column(entry.cause, smoothed, starts) if entry.listed and entry.cause != lag.CAUSE else None
-    if column is None:
-        return np.zeros(smoothed["acc_shift"].size + 1)
-    return column[:, 0] * effect(entry.cause).values(entry.values)[0]

@@ -149,13 +149,9 @@ class Halves:
         columns = {k: noise.white(self.factors[k], self._steps(self.parts[k], epochs)) for k in near}
         made = []
         for i, epoch in enumerate(epochs):
-            parts = [
-                columns[k][:, i : i + 1] if k in columns and half.feels(epoch) else None
-                for k, half in enumerate(self.parts)
-            ]
-            parts.append(None)
-            label = next(half.label for half in self.parts if half.feels(epoch)).rpartition(" ")[0]
-            form = f"{label}, time {epoch:.0f} s"
+            parts = {k: columns[k][:, i : i + 1] for k in near if self.parts[k].feels(epoch)}
+            form = f"{self.parts[min(parts)].label.rpartition(' ')[0]}, time {epoch:.0f} s"
+            parts = [parts.get(k) for k in range(len(self.parts) + 1)]  # none of what is known beforehand
             made.append(Candidate(at_epoch(BREAK, epoch), form, ["size"], ["m"], parts, [1e-2]))
         return made
 

@@ -59,13 +59,9 @@ class Readings(Observations):
     parameters = ()
     unit, scale, start = "T", np.zeros(0), np.zeros(0)
 
-    def _place(self, part):
-        """Places of the records of a part on its grid."""
-        return model.placed(self.field.time[part], float(self.aligned["step"]))
-
     def _rows(self, values, part):
         """Whitened rows (3 n, q) of (n, 3, q) T of a part, axis after axis."""
-        place = self._place(part)
+        place = model.placed(self.field.time[part], float(self.aligned["step"]))
         return np.concatenate([model.whitened(one, place, values[part, a]) for a, one in enumerate(self.noise)])
 
     @functools.cached_property
@@ -102,10 +98,9 @@ class Readings(Observations):
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
         """Time, reference field (m, 3) T of a part, and rows (q, m, 3) T."""
         part = self.parts[number]
-        columns = [
-            model.whitened(noise, self._place(part), one, unwhiten)
-            for noise, one in zip(self.noise, rows.reshape(3, part.size, -1), strict=True)
-        ]
+        place = model.placed(self.field.time[part], float(self.aligned["step"]))
+        each = zip(self.noise, rows.reshape(3, part.size, -1), strict=True)
+        columns = [model.whitened(noise, place, one, unwhiten) for noise, one in each]
         return self.field.time[part], self.field.model_b[part], np.stack(columns).transpose(2, 1, 0)
 
 

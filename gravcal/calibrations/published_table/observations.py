@@ -77,9 +77,8 @@ def arc(kind: str, latitude_class: str, heading: int, about: tuple, latitude: fl
     rod, middle, longitude = AREAS[kind, latitude_class]
     latitude = middle if latitude is None else latitude
     time = np.arange(-LENGTH_S / 2, LENGTH_S / 2, STEP_S)
-    position = earth.position_from_geodetic(
-        np.radians(latitude) + SPEED * time, np.full(time.size, np.radians(longitude)), np.full(time.size, HEIGHT_M)
-    )
+    longitude, height = np.full(time.size, np.radians(longitude)), np.full(time.size, HEIGHT_M)
+    position = earth.position_from_geodetic(np.radians(latitude) + SPEED * time, longitude, height)
     field_e = magnetic.field_e(EPOCH + time, position, generation)
     north_east_down = np.matvec(earth.R_en_from_position(position).swapaxes(1, 2), field_e)
     field_b = north_east_down * np.array([heading, heading, 1.0])
@@ -224,12 +223,7 @@ BETWEEN = 7
 #: some 50 A m2 within a second.
 RATE, RATE_PRIOR = "unknown:current_rate", 4e-10
 #: Effects that add to the linear reading.
-READINGS = (
-    "accelerometer.current_leak",
-    "accelerometer.angular_leak",
-    "accelerometer.scale",
-    "accelerometer.misalignment",
-)
+READINGS = tuple(f"accelerometer.{name}" for name in ("current_leak", "angular_leak", "scale", "misalignment"))
 
 
 def of_readings(form: str, arcs: list[Arc], mean: np.ndarray) -> list[Candidate]:

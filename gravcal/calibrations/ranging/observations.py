@@ -20,17 +20,8 @@ from gravcal.estimation import least_squares, records
 from gravcal.estimation.records import Candidate, Entry, Fitted, Observations, Parameter, Reported
 
 #: Effects that a range can show; a phase break begins another block.
-EFFECTS = (
-    "attitude.star_camera_noise",
-    "ranging.antenna_correction",
-    "ranging.phase_centre",
-    "ranging.star_camera_misalignment",
-    "ranging.multipath",
-    "ranging.once_per_revolution",
-    "ranging.delay",
-    "ranging.scale",
-    "ranging.thermal",
-)
+EFFECTS = ("antenna_correction", "phase_centre", "star_camera_misalignment", "multipath", "once_per_revolution")
+EFFECTS = ("attitude.star_camera_noise", *(f"ranging.{name}" for name in (*EFFECTS, "delay", "scale", "thermal")))
 
 
 def observe(
@@ -58,14 +49,9 @@ def observe(
 def _late_orbit(rows):
     """Observations of a day with one orbit of another time, by the range rate."""
     which = int(np.argmax(np.abs(rows["late"].values[3:])))
-    return of_late_orbit(
-        rows,
-        *(rows[name].values for name in ("rate_time", "rate_left", "rate_change")),
-        delay=Parameter(float(rows["late"].values[3 + which]), WHOLE_S, "s"),
-        channel="range rate",
-        name=Routine.name,
-        form=f"{'ab'[which]} alone",
-    )
+    given = (rows[name].values for name in ("rate_time", "rate_left", "rate_change"))
+    delay = Parameter(float(rows["late"].values[3 + which]), WHOLE_S, "s")
+    return of_late_orbit(rows, *given, delay, "range rate", Routine.name, f"{'ab'[which]} alone")
 
 
 def late_columns(rows: xr.Dataset) -> dict[str, np.ndarray]:
@@ -158,11 +144,9 @@ class Routine(Observations):
             return replace(entry, parameters={"delay": Parameter(float(np.mean(one)), float(error), "s")})
         if entry.cause != "ranging.phase_centre":
             return entry
-        lost = [
-            n for n, p in entry.parameters.items() if p.sigma is not None and 1e3 * p.sigma > self.determined_limit_mm
-        ]
-        unknown = {name: replace(entry.parameters[name], value=None, sigma=None) for name in lost}
-        return replace(entry, parameters=dict(entry.parameters) | unknown)
+        found, limit = dict(entry.parameters), 1e-3 * self.determined_limit_mm
+        lost = [one for one, p in found.items() if p.sigma is not None and p.sigma > limit]
+        return replace(entry, parameters=found | {n: replace(found[n], value=None, sigma=None) for n in lost})
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Rows without the effects of a model; noise of the star cameras is in the correction only."""

@@ -31,9 +31,9 @@ def observe(
     left = np.split(rest, np.cumsum([rows.size for rows, *_ in pieces])[:-1])
     count = found.sizes["parameter"] // 6
     noises, kept = accelerometer.noises(aligned, pieces, left, noise_order, count, transient_sigma)
-    known = [one for one in noises if one is not None]
-    order = dict.fromkeys(Readings.channels, known[0].coefficients[-1].size)
-    return Readings(aligned, kept, noises, _causes(aligned, found), order)
+    parts = [(*one, c) for one in kept for c in range(6) if noises[c] is not None]
+    order = dict.fromkeys(Readings.channels, noises[parts[0][3]].coefficients[-1].size)
+    return Readings(aligned, parts, noises, _causes(aligned, found), order)
 
 
 def _causes(aligned, found):
@@ -65,7 +65,7 @@ class Readings(Observations):
     """Observations of a record."""
 
     aligned: xr.Dataset  #: "routine.align"
-    pieces: list[tuple[np.ndarray, np.ndarray, np.ndarray]]  #: rows, slow part and where a reading is, of each stretch
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, int]]  #: rows, slow part, where a reading is, component
     noises: list[NoiseModel | None]  #: of each component, None where it has no reading
     causes: list[Candidate]  #: with their columns (n, 6, q) of the whole record
     noise_order: Mapping[str, int] = field()  #: of the noise, which is that of these very rows
@@ -75,11 +75,6 @@ class Readings(Observations):
     parameters = ()
     unit, scale, start = "1", np.zeros(0), np.zeros(0)
 
-    @property
-    def parts(self) -> list[tuple]:
-        """Rows, slow part, where a reading is, and component of each block."""
-        return [(*one, c) for one in self.pieces for c in range(6) if self.noises[c] is not None]
-
     @functools.cached_property
     def blocks(self) -> list[Block]:
         """One block a stretch and component: components share causes and nothing else."""
@@ -88,10 +83,8 @@ class Readings(Observations):
         observed[:, 3:] -= self.aligned["magnetic_b"].values
         for rows, slow, there, c in self.parts:
             white = whiten(self.noises[c], np.column_stack([observed[rows, c], slow]), there)
-            about = self.channels[c // 3], c % 3, time[rows]
-            made.append(
-                Block.of(f"{COMPONENTS[c]} from {time[rows[0]]:.0f} s", white[:, 0], *about, local=white[:, 1:])
-            )
+            label, about = f"{COMPONENTS[c]} from {time[rows[0]]:.0f} s", (self.channels[c // 3], c % 3, time[rows])
+            made.append(Block.of(label, white[:, 0], *about, local=white[:, 1:]))
         return made
 
     @functools.cached_property

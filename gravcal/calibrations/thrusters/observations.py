@@ -2,7 +2,7 @@
 
 import functools
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
@@ -37,12 +37,13 @@ def observe(
     time, angle, rate = model.off_the_orbit(products["align"])
     apart = float(np.median(angle / rate))
     if abs(apart) > camera_limit_s and abs(late) <= LATE_S:
-        return of_late_orbit(
-            products["align"], time, angle, -rate, Parameter(-apart, POINTING_S, "s"), "pitch", Attitude.name
-        )
+        delay = Parameter(-apart, POINTING_S, "s")
+        return of_late_orbit(products["align"], time, angle, -rate, delay, "pitch", Attitude.name)
     rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
     late = late if abs(late) > LATE_S else 0
-    return Attitude(products["align"], records, rows, late, products.get("heads"))
+    delays = {slug: Parameter(float(sign * late), WHOLE_S, "s") for slug, sign in DELAYS.items() if late}
+    about = late, records.firings.late_by(late), delays, products.get("heads")
+    return Attitude(products["align"], records, rows, *about)
 
 
 @dataclass(frozen=True)
@@ -53,7 +54,9 @@ class Attitude(Observations):
     records: model.Records  #: of the day
     rows: list[estimate.Rows]  #: of every block
     late: int  #: s, tags of the firings late against the attitude, 0 where by no more than LATE_S
-    heads: xr.Dataset | None = None  #: "thrusters.heads"
+    firings: Firings  #: when the attitude shows them
+    delays: Mapping[str, Parameter] = field()  #: as the attitude shows them
+    heads: xr.Dataset | None  #: "thrusters.heads"
 
     name = "thrusters"
     #: Whitened components; with a single camera the second and third are mixtures of pitch and yaw.
@@ -61,16 +64,6 @@ class Attitude(Observations):
     parameters = ()
     unit, scale, start = "1", np.zeros(0), np.zeros(0)
     readable = ("none",)
-
-    @property
-    def firings(self) -> Firings:
-        """Firings when the attitude shows them."""
-        return self.records.firings.late_by(self.late)
-
-    @property
-    def delays(self) -> dict[str, Parameter]:
-        """Delays as the attitude shows them."""
-        return {slug: Parameter(float(sign * self.late), WHOLE_S, "s") for slug, sign in DELAYS.items() if self.late}
 
     @functools.cached_property
     def signals(self) -> list[Candidate]:
@@ -83,16 +76,12 @@ class Attitude(Observations):
         late = [segment.delay(Firings(firings.time, firings.impulse_b * gain)) for segment in segments]
         constant, mounting = effect("torque.constant"), effect("attitude.star_camera_misalignment")
         contexts = [Context(time=segment.camera.time) for segment in segments]
+        pushed = [s.after_torque(constant.columns(one)) for s, one in zip(segments, contexts, strict=True)]
         made = [
             unweighed(effect("torque.thruster_firings"), [segment.gains(firings) for segment in segments]),
             unweighed(effect("timing.thruster_delay"), late),
-            unweighed(
-                effect("timing.star_camera_delay"), [-one for one in late]
-            ),  # the smooth part of the rate is free
-            unweighed(
-                constant,
-                [s.after_torque(constant.columns(one)) for s, one in zip(segments, contexts, strict=True)],
-            ),
+            unweighed(effect("timing.star_camera_delay"), [-one for one in late]),  # the smooth rate is free
+            unweighed(constant, pushed),
             unweighed(mounting, [mounting.columns(one) for one in contexts]),
         ]
         quality = [segment.camera.quality[:, None, None] * np.eye(3) for segment in segments]
