@@ -6,7 +6,7 @@ import seeds
 from numpy.testing import assert_allclose
 from scipy import stats
 
-from gravcal.estimation import kalman, least_squares
+from gravcal.estimation import least_squares
 from gravcal.estimation.least_squares import Score
 
 
@@ -176,7 +176,7 @@ def test_the_filter_ends_at_regularised_least_squares():
     design, observed = rng.standard_normal((50, 3)), rng.standard_normal(50)
     variance = rng.uniform(0.5, 2.0, 50)
     start, prior = np.array([1.0, -2.0, 0.5]), np.diag([4.0, 1.0, 9.0])
-    run = kalman.filter_constants(observed, design, start, prior, variance)
+    run = least_squares.filter_constants(observed, design, start, prior, variance)
     normal = design.T @ (design / variance[:, None]) + np.linalg.inv(prior)
     right = design.T @ (observed / variance) + np.linalg.solve(prior, start)
     assert_allclose(run.value[-1], np.linalg.solve(normal, right), rtol=1e-9)  # rounding of 50 steps

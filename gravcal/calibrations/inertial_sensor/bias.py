@@ -216,9 +216,8 @@ def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, lengths,
     """
     parts, (step_s, _), (uniform, share) = cut(bins["time"], *lengths), lengths, limits
     used = np.zeros(len(parts), dtype=bool)
-    uniformity, constant, sigma, volt, slope, amplitude = (
-        np.full((len(parts), *shape), np.nan) for shape in ((), (3,), (3,), (3,), (3, 3), (2, 2))
-    )
+    shapes = (), (3,), (3,), (3,), (3, 3), (2, 2)
+    uniformity, constant, sigma, volt, slope, amplitude = (np.full((len(parts), *one), np.nan) for one in shapes)
     residuals = []
     for s, part in enumerate(parts):
         one = {name: values[part] for name, values in bins.items()}
@@ -292,9 +291,8 @@ def estimates(solved: Segments, sensor: Sensor) -> dict:
     of_volts = zip(readings, (sigma / sensor.k).T, strict=True)
     volt, volt_sigma, _ = np.transpose([robust_mean(*one, lost) for one in of_volts])
     slope = solved.offset_slope[used].mean(axis=0)
-    common, wider = (
-        np.sqrt(np.diag(slope @ matrix @ slope.T)) for matrix in (sensor.covariance, sensor.covariance_total)
-    )
+    of_offset = sensor.covariance, sensor.covariance_total
+    common, wider = (np.sqrt(np.diag(slope @ matrix @ slope.T)) for matrix in of_offset)
     factor = np.abs(value) * sensor.k_sigma / sensor.k
     return {
         "bias": value,

@@ -64,9 +64,8 @@ def inputs(
             begin, end = noise.runs(~(np.linalg.norm(quaternion, axis=1) > 0.5))
             few, nothing = slice(None, None, max(1, time.size // 8640)), np.zeros((0, 2))
             lost = np.max(time[end - 1] - time[begin], initial=0.0) > LOST  # a roll with it is found nowhere
-            idle.append(
-                np.inf if lost else _pointing(time[few], quaternion[few], orbit, in_windows(time[few], nothing, 0.0))
-            )
+            pointing = _pointing(time[few], quaternion[few], orbit, in_windows(time[few], nothing, 0.0))
+            idle.append(np.inf if lost else pointing)
             continue
         sensor, tracker, orbit = (_within(one, spans) for one in (read_sensor(), tracker, orbit))
         known = np.isfinite(tracker["quaternion"]).all(axis=1)

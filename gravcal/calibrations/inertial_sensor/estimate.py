@@ -12,7 +12,7 @@ from gravcal.calibrations.inertial_sensor.align import SCHEMAS
 from gravcal.calibrations.schemas import build
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError, refuse
-from gravcal.estimation import crn, kalman, least_squares
+from gravcal.estimation import crn, least_squares
 from gravcal.estimation import estimate as estimating
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.estimation.resampling import bin_means
@@ -101,16 +101,15 @@ def scale(
     """
     late = align.late(aligned)
     if abs(late) > LATE_S:
-        raise EstimationError(
-            f"swing from {float(aligned.start):.0f} s: found attitudes tagged {late} s late against the voltages, "
-            f"expected at most {LATE_S:.0f} s, for one is integrated to the other. Correct the tags of one file.",
-            late_s=late,
-        )
+        found = f"attitudes tagged {late} s late against the voltages"
+        expected = f"at most {LATE_S:.0f} s, for one is integrated to the other"
+        remedy = "Correct the tags of one file."
+        refuse(f"swing from {float(aligned.start):.0f} s", found, expected, remedy, EstimationError, late_s=late)
     prepared = swing_of(aligned, bin_s, quiet_margin_s, np.array(geometry["inertia"]))
     fitted = model.fit(prepared, np.array(first_beta, dtype=float))
     sigma = np.sqrt(np.diag(fitted.covariance))
-    start = kalman.free_start(fitted.design, 1.0)
-    run = kalman.filter_constants(fitted.observed, fitted.design, np.zeros(len(start)), start, 1.0)
+    start = least_squares.free_start(fitted.design, 1.0)
+    run = least_squares.filter_constants(fitted.observed, fitted.design, np.zeros(len(start)), start, 1.0)
     last = np.maximum(np.cumsum(np.where(fitted.system.count > 0, 3, 0)) - 1, 0)  # row of each bin
     values = _motion(prepared, fitted) | {
         "beta": fitted.unknowns.factors[model.OWNER],
@@ -185,9 +184,8 @@ def _motion(prepared, fitted):
     residual = np.full(system.valid.size, np.nan)
     residual[system.valid] = system.residual
     residual = residual.reshape(-1, 3)
-    gradient = gravity.rotate_tensor(
-        frames.R_bi_from_quaternion(motion.quaternion), gravity.gradient_i(prepared.position_i)
-    )
+    R_bi = frames.R_bi_from_quaternion(motion.quaternion)
+    gradient = gravity.rotate_tensor(R_bi, gravity.gradient_i(prepared.position_i))
     rate, rate_dot, gradient, volt = (
         bin_means(prepared.time, values, edges)[0]
         for values in (motion.rate_b, motion.rate_dot_b, gradient, prepared.angular_volt)
@@ -256,7 +254,7 @@ def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
         batch = (column @ one) / (column @ column)  # start and R from batch least squares
         noise = np.var(one - column * batch)
         start = np.array([batch]), np.array([[noise / (column @ column)]])
-        run = kalman.filter_constants(one, column[:, None], *start, noise).value[:, 0]
+        run = least_squares.filter_constants(one, column[:, None], *start, noise).value[:, 0]
         beta[axis], sigma[axis] = run[-1], np.std(run[one.size // 2 :])
     return {"beta": beta[model.OWNER], "beta_sigma": sigma[model.OWNER]}
 
@@ -315,8 +313,8 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     white = np.stack([whiten(model, rows[:, a], good) for a, model in enumerate(record.noise)], axis=1)
     white = white.reshape(-1, rows.shape[2])
     observed, design = white[:, 0], white[:, 1:]
-    start, rows = kalman.free_start(design, 1.0), np.arange(record.time.size) * 3 + 2
-    run = kalman.filter_constants(observed, design, np.zeros(design.shape[1]), start, 1.0)
+    start, rows = least_squares.free_start(design, 1.0), np.arange(record.time.size) * 3 + 2
+    run = least_squares.filter_constants(observed, design, np.zeros(design.shape[1]), start, 1.0)
     factor, factor_sigma, factor_total = factor_y(record, k, relative[:4])
     values = {
         "offset": [one.value for one in fits],

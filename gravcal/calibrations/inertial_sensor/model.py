@@ -149,9 +149,8 @@ def angle_columns(swing: Swing, motion: Motion) -> np.ndarray:
     each = np.broadcast_to(one, (swing.time.size, 3, 3))
     volts = np.zeros((swing.time.size, 3, FACTORS))
     volts[:, range(3), OWNER] = swing.angular_volt
-    rate = kinematics.running_integral(
-        swing.time, np.concatenate([volts, each, swing.unit_time[:, None, None] * one], axis=2)
-    )
+    rate_dot = np.concatenate([volts, each, swing.unit_time[:, None, None] * one], axis=2)
+    rate = kinematics.running_integral(swing.time, rate_dot)
     rate = np.concatenate([rate[:, :, :FACTORS], each, rate[:, :, FACTORS:]], axis=2)
     R_bi = frames.R_bi_from_quaternion(motion.quaternion)
     angle = kinematics.angle_from_rate_change(swing.time, R_bi, rate)

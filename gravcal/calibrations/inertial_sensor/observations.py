@@ -9,7 +9,7 @@ import xarray as xr
 
 from gravcal.calibrations.align import POINTING_S, off_orbit
 from gravcal.calibrations.causes import LateTags, of_late_orbit
-from gravcal.calibrations.inertial_sensor import observed_roll, observed_swing
+from gravcal.calibrations.inertial_sensor import observed_roll, observed_swing, responses
 from gravcal.calibrations.inertial_sensor.observed_roll import RollView
 from gravcal.calibrations.inertial_sensor.observed_swing import SwingView
 from gravcal.estimation import records
@@ -53,6 +53,7 @@ def observe(
     parameters = tuple(dict.fromkeys(name for view in reversed(views) for name in view.parameters))
     factors, units = zip(*(REPORTED[name.partition("_")[0]] for name in parameters), strict=True)
     channels = tuple(channel for view in reversed(views) for channel in view.channels)
+    read = [channel for channel in channels if channel in READABLE]
     return InertialSensor(
         swing,
         roll,
@@ -61,10 +62,9 @@ def observe(
         unit=", ".join(units if len(set(units)) > 1 else units[:1]),
         scale=np.array(factors),
         start=np.array([known[name] for name in parameters]),
+        epoch=float(roll.time.mean()) if roll else None,
         quiet=dict.fromkeys(swing.channels, swing.quiet) if swing else {},  # in a roll noise is measured in the rows
-        lines=tuple(
-            records.LineSearch(c, a, observed_swing.TONE, "m s-2") for c in channels if c in READABLE for a in range(3)
-        ),
+        lines=tuple(records.LineSearch(c, a, observed_swing.TONE, "m s-2") for c in read for a in range(3)),
     )
 
 
@@ -90,6 +90,7 @@ class InertialSensor(records.Observations):
     unit: str
     scale: np.ndarray
     start: np.ndarray
+    epoch: float | None  #: middle of the segments of a roll, at which a bias that drifts is given
     quiet: Mapping[str, float] = field(default_factory=dict)
     lines: tuple[records.LineSearch, ...] = ()
 
@@ -103,11 +104,6 @@ class InertialSensor(records.Observations):
         """Of the swing about each axis and of the roll: what follows the motion has power at their harmonics."""
         roll = [2 * np.pi / abs(self.roll.rate_b[..., 1].mean())] if self.roll else []
         return dict.fromkeys([*(self.swing.periods() if self.swing else ()), *roll], HARMONICS)
-
-    @property
-    def epoch(self) -> float | None:
-        """Middle of the segments of a roll, at which a bias that drifts is given."""
-        return float(self.roll.time.mean()) if self.roll else None
 
     @property
     def groups(self) -> list[int]:
@@ -130,32 +126,31 @@ class InertialSensor(records.Observations):
         return records.Block.of("known beforehand", np.zeros(1), "prior", 1, time, shared=column)
 
     @property
-    def counts(self) -> tuple[int, int]:
-        """Blocks of the swing and of the roll."""
-        swung = sum(channel in SwingView.channels for block in self.blocks for channel in block.channel[:1])
-        return swung, len(self.blocks) - swung
+    def swung(self) -> int:
+        """Number of blocks of the swing, which are the first."""
+        return sum(block.channel[0] in SwingView.channels for block in self.blocks)
 
     @functools.cached_property
     def candidates(self) -> list[records.Candidate]:
         """Candidates over the blocks of both; an effect that both can show acts in both."""
-        before, after = self.counts
-        of_roll = {(one.cause, one.form): one for one in self._of_roll(self.roll.candidates() if self.roll else [])}
-        candidates = []
-        for one in self.swing.candidates() if self.swing else []:
-            other = of_roll.pop((one.cause, one.form), None)
-            candidates.append(replace(one, columns=one.columns + (other.columns[before:] if other else [None] * after)))
-        return candidates + list(of_roll.values())
+        swung = self._over_all(responses.of_swing(self.swing)) if self.swing else []
+        rolled = self._over_all(responses.of_roll(self.roll), self.swung) if self.roll else []
+        found = {(one.cause, one.form): one for one in swung}
+        for one in rolled:
+            whole = found.get((one.cause, one.form), one)
+            columns = [a if b is None else b for a, b in zip(whole.columns, one.columns, strict=True)]
+            found[one.cause, one.form] = replace(whole, columns=columns)
+        return list(found.values())
 
-    def _of_roll(self, candidates):
-        """Candidates of the roll over all blocks; the last of a roll alone is what is known of the offset."""
-        before, after = self.counts
-        rows = ((one, [None] * before + one.columns + [None] * (after - len(one.columns))) for one in candidates)
-        return [replace(one, columns=columns) for one, columns in rows]
+    def _over_all(self, candidates, before=0):
+        """Candidates with columns from a block on, over all blocks; those of a roll alone end before what is known."""
+        rows = ((one, [None] * before + one.columns) for one in candidates)
+        return [replace(one, columns=c + [None] * (len(self.blocks) - len(c))) for one, c in rows]
 
     def spacing(self, epoch: float) -> float:
         """Spacing s of the search for steps where an epoch lies."""
         rolling = self.roll and self.roll.segment_of(epoch) is not None
-        return observed_roll.STEP_EVERY_S if rolling else observed_swing.STEP_S
+        return observed_roll.STEP_EVERY_S if rolling else responses.STEP_S
 
     def near(self, fitted: records.Fitted) -> list[records.Candidate]:
         """Steps at epochs near that of a finding, in the swing or in a segment of the roll."""
@@ -165,28 +160,25 @@ class InertialSensor(records.Observations):
 
     def response(self, entry: records.Entry) -> list[np.ndarray]:
         """Whitened rows of each block that an effect adds, a step at its own epoch."""
-        values = entry.values
-        epoch = values.get("time", np.nan)
+        epoch = entry.values.get("time", np.nan)
         if entry.cause != self.step or not (self.swing or self.roll.segment_of(epoch) is not None):
             return super().response(entry)
         (one,) = self._steps(epoch, np.array([epoch]))
-        rows = zip(self.blocks, one.columns, strict=True)
-        return [
-            np.zeros(b.observed.size) if c is None else c @ [values.get(n, 0.0) for n in one.names] for b, c in rows
-        ]
+        rows = zip(self.blocks, one.added(entry), strict=True)
+        return [np.zeros(block.observed.size) if added is None else added for block, added in rows]
 
     def _steps(self, epoch, at):
         """Steps at epochs (n,) s near one, in the swing or in the segment of the roll that it lies in."""
         index = self.roll.segment_of(epoch) if self.roll else None
         if index is not None:
             rows = self.roll.steps(index, at).items()
-            return self._of_roll([observed_swing.step(t, [None] * index + [columns]) for t, columns in rows])
-        return [replace(one, columns=one.columns + [None] * self.counts[1]) for one in self.swing.steps(at)]
+            return self._over_all([responses.step(t, [columns]) for t, columns in rows], self.swung + index)
+        return self._over_all(responses.steps(self.swing, at))
 
     def wave(self, search: records.LineSearch) -> Callable[[int, float], np.ndarray]:
         """Function (block, Hz) -> whitened cosine and sine (n, 2) on an axis; those of the last frequency are kept."""
         rolled = search.channel == observed_roll.CHANNEL
-        view, before = (self.roll, self.counts[0]) if rolled else (self.swing, 0)
+        view, before = (self.roll, self.swung) if rolled else (self.swing, 0)
         columns = functools.lru_cache(1)(lambda frequency: view.wave(search.axis, frequency))
 
         def rows(block, frequency):
@@ -206,7 +198,8 @@ class InertialSensor(records.Observations):
 
     def without(self, model: Sequence[records.Entry]) -> xr.Dataset:
         """Record of the swing, of the roll where there is no other, without the effects of a model."""
-        return (self.swing or self.roll).without(model)
+        swing = self.swing
+        return responses.swing_without(swing, model) if swing else responses.roll_without(self.roll, model)
 
 
 NOTE = (

@@ -6,26 +6,21 @@ every form that is tried.
 """
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from scipy.fft import next_fast_len
-from scipy.optimize import nnls
 
-from gravcal.calibrations.causes import added_by, along, listed, unknown
 from gravcal.calibrations.inertial_sensor import bias as segments
-from gravcal.calibrations.inertial_sensor.observed_swing import EFFECTS, TONE, waves_of
-from gravcal.effects import effect
+from gravcal.calibrations.inertial_sensor.observed_swing import waves_of
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.effects.drivers import products, waves
 from gravcal.estimation import noise
 from gravcal.estimation.least_squares import orthonormal
 from gravcal.estimation.noise import Levels
-from gravcal.estimation.records import Block, Candidate, Entry
-from gravcal.physics import frames
+from gravcal.estimation.records import Block
 
 CHANNEL, CONSTANT = "roll", "constant"
 MOST = 48  # segments, evenly taken: columns of more take memory and add little
@@ -34,10 +29,6 @@ UNKNOWN_M = 1e-3  # how far the offset may be from one that was assumed
 STEP_EVERY_S = 20.0
 EDGE_S = 200.0  # from the ends of a segment, where its trend follows a step
 USUAL = 1e-7  # m s-2, size of a reading without its bias
-EXPONENTS = (-2, -1, 0, 1)  # of the frequency in the power laws whose sum is the density of the noise
-ORDER, NODES = 60, 16384  # coefficients that stand for it, frequencies that they are made of
-DRAWS = 400  # segments of simulated noise, for what a fit leaves of each
-ROUNDS, HIGHEST = 20, 6.0  # of the fit; power over that of the model, reached by noise in one of 400
 
 
 @dataclass(frozen=True)
@@ -47,6 +38,7 @@ class RollView:
     products: Mapping[str, xr.Dataset]  # "segment", "bias" and, of a swing, "scale" and "offset"
     settings: Mapping  # as of `view_of`
     time: np.ndarray  # (s, b) s
+    step_s: float  # length of a bin
     reading: np.ndarray  # (s, b, 3) m s-2, k V as measured
     steady: np.ndarray  # (s, b, 3) m s-2, without wander: what the sensor feels by rolling, about the mean bias
     tensor: np.ndarray  # (s, b, 3, 3) s-2, of the offset
@@ -61,11 +53,6 @@ class RollView:
     channels = (CHANNEL,)
     #: Rolling about y does not tell b_y from a constant acceleration: their sum is `constant_y`.
     parameters = ("bias_x", "constant_y", "bias_z", "offset_x", "offset_y", "offset_z")
-
-    @property
-    def step_s(self) -> float:
-        """Length of a bin."""
-        return float(self.time[0, 1] - self.time[0, 0])
 
     @functools.cached_property
     def wander(self) -> np.ndarray:
@@ -117,7 +104,7 @@ class RollView:
 
             here = left[:, :, axis, None]
             found = noise.jumps(lambda places, w=with_jumps, one=here: np.concatenate(w(places)(one))[:, 0])
-            models.append(power_laws(here, with_jumps(found), count, self.step_s))
+            models.append(noise.power_laws(here, with_jumps(found), count, self.step_s))
             runs = [noise.whiten(models[-1], run[:, 0], np.ones(len(run), bool)) for run in with_jumps(found)(here)]
             rests.append(np.concatenate(runs))
         lost = len(count) * self.designs[0][0].shape[1] + shared.shape[2]
@@ -185,32 +172,6 @@ class RollView:
         inside = np.flatnonzero((self.time[:, 0] <= epoch) & (epoch <= self.time[:, -1]))
         return int(inside[0]) if inside.size else None
 
-    def candidates(self) -> list[Candidate]:
-        """Effects on the linear readings, then what these may follow."""
-        about, candidates = self.context(), []
-        for entry in EFFECTS:
-            if entry.channel in ("linear_b", "electrode_v"):
-                columns = self._read(entry, entry.columns(about)).reshape(*self.time.shape, 3, -1)
-                candidates += listed(entry, self.rows(columns)).each_alone()
-            elif entry.channel == "pointing_b":
-                candidates += listed(entry, self.rows(self._turned())).each_alone()
-        for driver, form, values in self.series():
-            columns = self.rows(values[:, :, None, None] * np.eye(3))
-            candidates.append(unknown(driver, f"{CHANNEL} reading, {form}", columns, "m s-2", along("linear")))
-        return candidates
-
-    def _read(self, entry, added):
-        """Linear readings m s-2 of what an effect adds to them, or to the electrodes (n, 6, ...) V."""
-        if entry.channel == "linear_b":
-            return added
-        return np.einsum("a,av,nv...->na...", self.k, electrodes.READOUT[:3], added)
-
-    def _turned(self):
-        """What readings hold beyond a model whose attitude is turned about each axis, (s, b, 3, 3) m s-2 rad-1."""
-        place, term = self.start[3:], np.matvec(self.tensor, self.start[3:])
-        turned = [np.cross(axis, term) - np.matvec(self.tensor, np.cross(axis, place)) for axis in np.eye(3)]
-        return np.stack(turned, axis=3)
-
     def wave(self, axis: int, frequency: float) -> list[np.ndarray]:
         """Whitened cosine and sine (3 b + 3, 2) of every segment, on one axis of the linear readings."""
         both = waves_of(self.time.ravel() - self.time[0, 0], self.step_s, frequency).reshape(*self.time.shape, 2)
@@ -260,33 +221,6 @@ class RollView:
         model = np.matvec(self.tensor, self.start[3:]) - self.start[:3]
         return self.time.ravel(), model.reshape(-1, 3), columns
 
-    def without(self, model: Sequence[Entry]) -> xr.Dataset:
-        """Bins of the roll without the effects of a model; drifts count from its middle."""
-        segmented = self.products["segment"]
-        extended = segmented.copy(deep=True).assign_attrs(model=" ".join(one.cause for one in model))
-        parts = spans(segmented, self.settings["segment_s"])
-        names = ("linear_volt", "R_bo", "rate_b", "gradient_b")
-        whole = [k for k, part in enumerate(parts) if all(np.isfinite(segmented[n].values[part]).all() for n in names)]
-        view = _view(self.products, self.settings, whole)
-        about, added = view.context(), np.zeros((view.time.size, 3))
-        rows = [(driver, form, values.ravel()) for driver, form, values in view.series()]
-        for entry in model:
-            if not entry.listed:
-                added += added_by(entry, "linear", f"{CHANNEL} reading, ", rows)
-                continue
-            known = effect(entry.cause)
-            if known.channel == "pointing_b":
-                turn = frames.R_bi_from_quaternion(frames.from_rotation_vector(-known.values(entry.values)))
-                extended["R_bo"].values[:] = turn @ extended["R_bo"].values
-                extended["rate_b"].values[:] = extended["rate_b"].values @ turn.T
-                extended["gradient_b"].values[:] = turn @ extended["gradient_b"].values @ turn.T
-            before = entry.values.get("time", np.inf) < about.time[0]  # a step that the bias of the roll contains
-            if known.channel in ("linear_b", "electrode_v") and known.slug != TONE and not before:
-                added += view._read(known, known.contribution(about, known.values(entry.values)))
-        for k, volts in zip(whole, added.reshape(*view.time.shape, 3) / view.k, strict=True):
-            extended["linear_volt"].values[parts[k]] -= volts
-        return extended
-
 
 def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> RollView | None:
     """View of "segment", "bias" and, of a swing, "scale" and "offset"; None of fewer than three usable segments.
@@ -299,12 +233,11 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> RollView |
     used = biased["used"].values.astype(bool)
     if used.sum() < segments.ENOUGH or not np.isfinite(biased["bias"].values).all():
         return None
-    few = [
-        np.sum(share[part] < settings["share_limit"]) <= 1 for part in spans(products["segment"], settings["segment_s"])
-    ]
+    parts = spans(products["segment"], settings["segment_s"])
+    few = [np.sum(share[part] < settings["share_limit"]) <= 1 for part in parts]
     used = np.flatnonzero(used | (biased["uniformity"].values <= settings["uniformity_limit"]) & few)
     used = used[np.unique(np.linspace(0, used.size - 1, min(MOST, used.size)).round().astype(int))]
-    return _view(products, settings, used)
+    return view_of_segments(products, settings, used)
 
 
 def spans(segmented: xr.Dataset, segment_s: float) -> list[slice]:
@@ -313,8 +246,8 @@ def spans(segmented: xr.Dataset, segment_s: float) -> list[slice]:
     return segments.cut(time, segments.bin_length(time, segment_s), segment_s)
 
 
-def _view(products, settings, used):
-    """View of some segments."""
+def view_of_segments(products: Mapping[str, xr.Dataset], settings: Mapping, used: Sequence[int]) -> RollView:
+    """View of some segments; arguments as of `view_of`."""
     segmented = products["segment"]
     sensor = segments.sensor_of(tuple(products[n] for n in ("scale", "offset") if n in products), settings["assumed"])
     parts = spans(segmented, settings["segment_s"])
@@ -338,6 +271,7 @@ def _view(products, settings, used):
         products,
         settings,
         bins["time"],
+        float(bins["time"][0, 1] - bins["time"][0, 0]),
         reading,
         steady=turning - start[:3],
         tensor=tensor,
@@ -349,38 +283,3 @@ def _view(products, settings, used):
         k=sensor.k,
         beta=products["scale"]["batch_value"].values[:2] if "scale" in products else None,
     )
-
-
-def power_laws(values: np.ndarray, clean: Callable, count: np.ndarray, step_s: float) -> noise.NoiseModel:
-    """Noise model of a series from what a fit leaves of it: the sum of power laws that its periodogram shows.
-
-    Power laws are drawn and go through the same fit. Sharp lines are no noise, and the power at a frequency counts up
-    to a few times that of the model. Values (s, b, 1) are segments, clean takes (s, b, d) to what the fit leaves, runs
-    of segments that touch (n, d), count (s, b) are steps since the first sample.
-    """
-    lowest, rng = 1 / (step_s * count.max()), np.random.default_rng(0)
-    draws = max(8, DRAWS // len(count))
-    white = rng.standard_normal((next_fast_len(2 * int(count.max()) + 1, real=True), draws))
-    frequency = np.maximum(np.fft.rfftfreq(len(white), step_s), lowest)[:, None]
-    spectrum, expected = np.fft.rfft(white, axis=0), []
-    for exponent in EXPONENTS:
-        drawn = np.fft.irfft(spectrum * (frequency * step_s) ** (exponent / 2), len(white), axis=0)
-        expected.append(_periodogram(clean(drawn[count])).mean(axis=1))
-    expected = np.stack(expected, axis=1)
-    power = _periodogram(noise.without_lines(clean(values), step_s)[0])[:, 0]
-    model = expected[:, EXPONENTS.index(0)] * power.mean() / expected[:, EXPONENTS.index(0)].mean()
-    for _ in range(ROUNDS):
-        size = nnls(expected / model[:, None], np.minimum(power / model, HIGHEST))[0]
-        model = expected @ size
-    at = (np.arange(NODES) + 0.5) / (2 * step_s * NODES)
-    density = 2 * step_s * sum(a * (np.maximum(at, lowest) * step_s) ** e for a, e in zip(size, EXPONENTS, strict=True))
-    return noise.from_density(density, ORDER, step_s)
-
-
-def _periodogram(runs):
-    """Power over that of a Hann window (f, d) of all runs (n, d), one behind the other, without their means."""
-    parts = []
-    for run in runs:
-        window = np.hanning(len(run) + 2)[1:-1, None]
-        parts.append(np.abs(np.fft.rfft(window * (run - run.mean(axis=0)), axis=0)[1:]) ** 2 / np.sum(window**2))
-    return np.concatenate(parts)

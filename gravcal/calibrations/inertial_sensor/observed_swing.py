@@ -11,41 +11,23 @@ from dataclasses import dataclass, replace
 import numpy as np
 import xarray as xr
 from scipy.linalg import solve_triangular
-from scipy.signal import lfilter
 
-from gravcal.calibrations.causes import added_by, along, listed, on_axes, unknown
+from gravcal.calibrations.causes import on_axes
 from gravcal.calibrations.inertial_sensor import model as fits
 from gravcal.calibrations.inertial_sensor.estimate import Record, noise_models, quiet_blocks, record_of, swing_of
-from gravcal.effects import effect
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
-from gravcal.effects.drivers import products
 from gravcal.estimation import noise
 from gravcal.estimation.noise import without_lines
-from gravcal.estimation.records import Block, Candidate, Entry, at_epoch
-from gravcal.estimation.resampling import bin_means, lines_between
+from gravcal.estimation.records import Block
+from gravcal.estimation.resampling import bin_means
 from gravcal.physics import frames, kinematics, sensing
 
-STEP, TONE, LOOP = "accelerometer.bias_step", "accelerometer.stray_tone", "inertial_sensor.loop_delay"
-#: Effects of other families that a sensor of this kind can have.
-OTHERS = (
-    "accelerometer.scale",
-    "accelerometer.misalignment",
-    "accelerometer.angular_leak",
-    "timing.accelerometer_delay",
-    "timing.star_camera_delay",
-)
-EFFECTS = (*electrodes.EFFECTS, *map(effect, OTHERS))
-#: First of the three combinations of voltages that read a channel.
-COMBINATIONS = {"linear": slice(0, 3), "angular": slice(3, 6)}
+STEP, TONE = "accelerometer.bias_step", "accelerometer.stray_tone"
 STILL = 3.0  # an axis moves if its angular acceleration is above this many times the noise of a bin
 FEEBLE = 5.0  # times less than the largest, below which the motion about an axis has no period of its own
 FINE = 16384  # frequencies that it is looked for at, twice
 STRETCH_S = 10.0  # of the blocks, between half a period of the swing and the memory of its noise
-STEP_S = 2.0  # between epochs at which a step is looked for
-MEMORIES_S = (4.0, 12.0, 40.0)  # of the size of a rate that may warm or charge something
-FIXED_POINT = 6  # times that offset and effects follow from each other
-MARGIN_S = 10.0  # from the ends of the record, where none is
 
 
 @dataclass(frozen=True)
@@ -174,65 +156,13 @@ class SwingView:
         extra["displacement_b"] = -known["linear_b"] / electrodes.LOOP**2
         if time is not None:
             at = np.clip(time, swing.time[0], swing.time[-1])
-            known, extra = (
-                {name: fits.interpolated(swing.time, values, at) for name, values in one.items()}
-                for one in (known, extra)
-            )
+            moved = lambda one: {name: fits.interpolated(swing.time, v, at) for name, v in one.items()}  # noqa: E731
+            known, extra = moved(known), moved(extra)
         return Context(swing.time if time is None else time, epoch=record.time[0], extra=extra, **known)
 
     def binned(self, values: np.ndarray) -> np.ndarray:
         """Means (b, ...) over the bins of values (n, ...) at the epochs of the sensor."""
         return np.nan_to_num(bin_means(self.swing.time, values, self.swing.edges)[0])
-
-    def candidates(self) -> list[Candidate]:
-        """Effects, steps, then functions of the motion and of time, added to the linear or to the angular readings."""
-        about, candidates = self.context(), []
-        for entry in EFFECTS:
-            candidates += listed(entry, self.cut(**self._rows(entry, about))).each_alone()
-        time = self.record.time
-        candidates += self.steps(np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S))
-        series = list(self.series(about))
-        for driver, form, values in series:
-            columns = self.cut(linear=self.linear_rows(self.binned(values)[:, None, None] * np.eye(3)))
-            candidates.append(unknown(driver, f"linear reading, {form}", columns, "m s-2", along("linear")))
-        for driver, form, values in series:
-            columns = self.cut(attitude=-self.turned_rows(values[:, None, None] * np.eye(3)))
-            candidates.append(unknown(driver, f"angular reading, {form}", columns, "rad s-2", along("angular")))
-        return candidates
-
-    def _rows(self, entry, about):
-        """Whitened rows by channel of an effect."""
-        time_att = self.swing.time_att
-        match entry.channel:
-            case "linear_b":
-                return {"linear": self.linear_rows(self.binned(entry.columns(about)))}
-            case "angular_b":
-                return self._of_angular(entry.columns(about))
-            case "electrode_v":
-                added = np.einsum("rv,nvq->nrq", electrodes.READOUT, entry.columns(about))
-                rows = self._of_angular(self.unknowns.factors[fits.OWNER][:, None] * added[:, 3:])
-                linear = self.linear_rows(self.binned(self.k[:, None] * added[:, :3]))
-                return rows | {"linear": rows["linear"] + linear}
-            case "acc_delay":  # readings of before; linear ones and their model move together
-                late = np.gradient(about.angular_b, about.time, axis=0)[:, :, None]
-                return {"attitude": self.turned_rows(late)}
-            case "sca_delay":
-                rate = lines_between(time_att, about.time, about.rate_b)
-                return {"attitude": self.attitude_rows(-rate[:, :, None])}
-        return {"attitude": self.attitude_rows(np.broadcast_to(np.eye(3), (time_att.size, 3, 3)))}
-
-    def _of_angular(self, added):
-        """Whitened rows of what angular readings hold (n, 3, q) rad s-2; the offset makes a linear reading of it."""
-        moved = np.moveaxis(np.cross(np.moveaxis(added, 2, 1), self.start[3:6]), 1, 2)
-        return {"attitude": -self.turned_rows(added), "linear": -self.linear_rows(self.binned(moved))}
-
-    def steps(self, epochs: np.ndarray) -> list[Candidate]:
-        """A step of the linear readings at each of some epochs s."""
-        time, candidates = self.record.time, []
-        for epoch in epochs:
-            after = np.clip((time + (time[1] - time[0]) / 2 - epoch) / (time[1] - time[0]), 0, 1)
-            candidates.append(step(epoch, self.cut(linear=self.linear_rows(after[:, None, None] * np.eye(3)))))
-        return candidates
 
     def periods(self) -> list[float]:
         """Period s of the motion about each axis that moves."""
@@ -246,26 +176,6 @@ class SwingView:
         time = self.record.time
         both = waves_of(time - time[0], time[1] - time[0], frequency)
         return self.cut(linear=self.linear_rows(both[:, None, :] * np.eye(3)[axis][:, None]))
-
-    def series(self, about: Context) -> list[tuple[str, str, np.ndarray]]:
-        """Driver, form and values (n,) 1 on the epochs of a context, each of a size near one."""
-        rate = about.rate_b - about.rate_b.mean(axis=0)
-        step_s = np.diff(about.time, prepend=about.time[0])[:, None]
-        angle = np.cumsum(np.nan_to_num(rate) * step_s, axis=0)
-        rows = []
-        for name, values in (("rate", rate), ("attitude", angle), ("angular_acceleration", about.rate_dot_b)):
-            values = np.nan_to_num(values) / max(np.nanmax(np.abs(values)), 1e-30)
-            rows += [(name, f"component {a}", values[:, i]) for i, a in enumerate("xyz")]
-            rows += [(name, *one) for one in products(values)]
-            rows += [(name, f"size of {a}", np.abs(values[:, i])) for i, a in enumerate("xyz")]
-            rows += [(name, f"cube of {a}", values[:, i] ** 3) for i, a in enumerate("xyz")]
-        size = np.abs(np.nan_to_num(rate)) / max(np.nanmax(np.abs(rate)), 1e-30)
-        for tau in MEMORIES_S:
-            share = 1 - np.exp(-float(step_s[1, 0]) / tau)
-            kept = lfilter([share], [1, share - 1], size, axis=0)
-            rows += [("rate", f"memory of {tau:g} s of the size of {a}", kept[:, i]) for i, a in enumerate("xyz")]
-        since = np.clip(about.time - self.record.time[0], 0, None)
-        return rows + [("time", f"decay of {t:g} s", np.exp(-since / t)) for t in (10.0, 30.0, 90.0)]
 
     def reading(self, channel: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time s, reading (b, 3) of a channel as the fit predicts it, and its rows (r, q) in that unit (q, b, 3).
@@ -289,68 +199,6 @@ class SwingView:
         angle = kinematics.running_integral(record.time, rate)
         middle = self.swing.middle
         return middle, fits.interpolated(record.time, angle, middle), columns.reshape(rows.shape[1], -1, 3)
-
-    def without(self, model: Sequence[Entry]) -> xr.Dataset:
-        """Record of the swing without the effects of a model, so that the baseline describes what is left.
-
-        Contributions are taken out of the combinations of voltages that read them, tags lose their delay, the attitude
-        is turned back. A line is left where it is: the model does not hold its phase.
-        """
-        extended = self.aligned.copy(deep=True)
-        volts, time = extended["volts"].values, extended["time"].values
-        about, added = self.context(time, self._place_without(model)), np.zeros((time.size, 6))
-        for entry in model:
-            for channel, part in COMBINATIONS.items():
-                added[:, part] += self._added(entry, channel, about)
-        volts -= electrodes.volts(added / np.concatenate([self.k, self.unknowns.factors[fits.OWNER]]))
-        for entry in (one for one in model if one.listed):  # last: what is added was read at the tags as they are
-            known = effect(entry.cause)
-            values = known.values(entry.values)
-            if known.channel == "electrode_v":
-                volts -= known.contribution(about, values)
-            elif known.channel == "acc_delay":
-                volts[:] = lines_between(time + values[0], time, volts)
-            elif known.slug == LOOP:
-                readouts = electrodes.readouts(volts)
-                readouts[:, 3:] = lines_between(time + values[0], time, readouts[:, 3:])
-                volts[:] = electrodes.volts(readouts)
-            elif known.channel == "sca_delay":
-                extended.coords["time_att"] = extended["time_att"] - values[0]
-            elif known.channel == "pointing_b":
-                attitude = extended["quaternion"].values
-                back = frames.from_rotation_vector(np.tile(-values, (len(attitude), 1)))
-                attitude[:] = frames.quaternion_product(attitude, back)
-        return extended.assign_attrs(model=" ".join(one.cause for one in model))
-
-    def _place_without(self, model):
-        """Offset (3,) m that the readings along x and z show without a model, which in turn follows from the offset.
-
-        With a coupling of a quarter the offset of the readings as they are makes an eighth of it wrong.
-        """
-        place, columns = (
-            self.start[3:6],
-            np.concatenate([np.nan_to_num(self.tensor), on_axes(self.record.trend)], axis=2),
-        )
-        seen = np.repeat([True, False, True], self.record.time.size)  # the factor of a_y is not known
-        for _ in range(FIXED_POINT):
-            about = self.context(place=place)
-            added = np.zeros_like(about.linear_b) + sum(self._added(entry, "linear", about) for entry in model)
-            left = self.k * np.nan_to_num(self.record.linear_volt) - self.binned(added)
-            both = np.where(self.good[:, None, None], np.concatenate([left[:, :, None], columns], axis=2), 0.0)
-            rows = self.linear_rows(both)[seen]
-            place = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0][:3]
-        return place
-
-    def _added(self, entry, channel, about):
-        """What an entry adds to linear or angular readings, (n, 3) m s-2 or rad s-2."""
-        if entry.listed:
-            known = effect(entry.cause)
-            if known.channel != f"{channel}_b" or known.slug in (TONE, LOOP):
-                return 0.0
-            return known.contribution(about, known.values(entry.values))
-        own = self.context()  # where its candidates are made
-        rows = ((d, f, np.interp(about.time, own.time, values)) for d, f, values in self.series(own))
-        return added_by(entry, channel, f"{channel} reading, ", rows)
 
 
 def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
@@ -389,11 +237,6 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
         k_y_sigma=float(scaled["k_sigma"].values[0, 1]),
         quiet=float(sum(len(b) for b in pieces)),
     )
-
-
-def step(epoch: float, columns: list[np.ndarray | None]) -> Candidate:
-    """Candidate of a step of the linear readings at an epoch s."""
-    return Candidate(at_epoch(STEP, epoch), f"time {epoch:.1f} s", ["x", "y", "z"], ["m s-2"] * 3, columns)
 
 
 def waves_of(time: np.ndarray, width: float, frequency: float) -> np.ndarray:

@@ -8,9 +8,8 @@ import xarray as xr
 from numpy.testing import assert_allclose
 
 from gravcal import catalog
-from gravcal.calibrations.inertial_sensor import align, bias, observed_roll
+from gravcal.calibrations.inertial_sensor import align, bias, responses
 from gravcal.calibrations.inertial_sensor.estimate import Record, factor_y, linear_factors, published_offset_matrix
-from gravcal.calibrations.inertial_sensor.observed_roll import power_laws
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.estimation import noise
 from gravcal.estimation.noise import coloured
@@ -155,7 +154,7 @@ def test_power_laws_go_on_below_what_a_fit_leaves():
     def clean(values):
         return list(values - np.einsum("bq,cq,scd->sbd", line, line, values))
 
-    found = power_laws(drawn, clean, count, 10.0).density(frequency)
+    found = noise.power_laws(drawn, clean, count, 10.0).density(frequency)
     assert_allclose(np.log(found / truth(frequency)), 0.0, atol=2 * np.log(4 / 3))
     short = noise.fit_noise([one[:, 0] for one in clean(drawn)], 3, 10.0).density(frequency)
     assert abs(np.log(short[0] / truth(frequency[0]))) > 2 * np.log(4 / 3)  # a short memory stops at 4 mHz
@@ -188,7 +187,7 @@ def test_a_turned_tracker_turns_the_tensor_of_a_roll():
     view = SimpleNamespace(tensor=tensor, start=np.append(np.zeros(3), place))
     R = frames.R_bi_from_quaternion(frames.from_rotation_vector(-angle))  # of sensor from tracker components
     expected = np.matvec(tensor - R.T @ tensor @ R, place)
-    assert_allclose(observed_roll.RollView._turned(view) @ angle, expected, atol=1e-10)  # second order
+    assert_allclose(responses.turned(view) @ angle, expected, atol=1e-10)  # second order
 
 
 @pytest.mark.parametrize("moving", [True, False])

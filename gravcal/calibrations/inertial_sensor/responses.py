@@ -1,0 +1,228 @@
+"""What effects of the catalogue, and drivers in no list, do to a swing and to a roll; the records without them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from scipy.signal import lfilter
+
+from gravcal.calibrations.causes import added_by, along, listed, on_axes, unknown
+from gravcal.calibrations.inertial_sensor import model as fits
+from gravcal.calibrations.inertial_sensor.observed_roll import CHANNEL, RollView, spans, view_of_segments
+from gravcal.calibrations.inertial_sensor.observed_swing import STEP, TONE, SwingView
+from gravcal.effects import effect
+from gravcal.effects import inertial_sensor as electrodes
+from gravcal.effects.drivers import products
+from gravcal.estimation.records import Candidate, Entry, at_epoch
+from gravcal.estimation.resampling import lines_between
+from gravcal.physics import frames
+
+LOOP = "inertial_sensor.loop_delay"
+#: Effects of other families that a sensor of this kind can have.
+OTHERS = tuple(f"accelerometer.{name}" for name in ("scale", "misalignment", "angular_leak"))
+OTHERS += ("timing.accelerometer_delay", "timing.star_camera_delay")
+EFFECTS = (*electrodes.EFFECTS, *map(effect, OTHERS))
+#: First of the three combinations of voltages that read a channel.
+COMBINATIONS = {"linear": slice(0, 3), "angular": slice(3, 6)}
+STEP_S = 2.0  # between epochs at which a step is looked for
+MARGIN_S = 10.0  # from the ends of the record, where none is
+MEMORIES_S = (4.0, 12.0, 40.0)  # of the size of a rate that may warm or charge something
+FIXED_POINT = 6  # times that offset and effects follow from each other
+
+
+def of_swing(view: SwingView) -> list[Candidate]:
+    """Effects, steps, then functions of the motion and of time, added to the linear or to the angular readings."""
+    about, candidates = view.context(), []
+    for entry in EFFECTS:
+        candidates += listed(entry, view.cut(**_of_effect(view, entry, about))).each_alone()
+    time = view.record.time
+    candidates += steps(view, np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S))
+    series = list(_series(view, about))
+    for driver, form, values in series:
+        columns = view.cut(linear=view.linear_rows(view.binned(values)[:, None, None] * np.eye(3)))
+        candidates.append(unknown(driver, f"linear reading, {form}", columns, "m s-2", along("linear")))
+    for driver, form, values in series:
+        columns = view.cut(attitude=-view.turned_rows(values[:, None, None] * np.eye(3)))
+        candidates.append(unknown(driver, f"angular reading, {form}", columns, "rad s-2", along("angular")))
+    return candidates
+
+
+def _of_effect(view, entry, about):
+    """Whitened rows by channel of an effect."""
+    time_att = view.swing.time_att
+    match entry.channel:
+        case "linear_b":
+            return {"linear": view.linear_rows(view.binned(entry.columns(about)))}
+        case "angular_b":
+            return _of_angular(view, entry.columns(about))
+        case "electrode_v":
+            added = np.einsum("rv,nvq->nrq", electrodes.READOUT, entry.columns(about))
+            rows = _of_angular(view, view.unknowns.factors[fits.OWNER][:, None] * added[:, 3:])
+            linear = view.linear_rows(view.binned(view.k[:, None] * added[:, :3]))
+            return rows | {"linear": rows["linear"] + linear}
+        case "acc_delay":  # readings of before; linear ones and their model move together
+            late = np.gradient(about.angular_b, about.time, axis=0)[:, :, None]
+            return {"attitude": view.turned_rows(late)}
+        case "sca_delay":
+            rate = lines_between(time_att, about.time, about.rate_b)
+            return {"attitude": view.attitude_rows(-rate[:, :, None])}
+    return {"attitude": view.attitude_rows(np.broadcast_to(np.eye(3), (time_att.size, 3, 3)))}
+
+
+def _of_angular(view, added):
+    """Whitened rows of what angular readings hold (n, 3, q) rad s-2; the offset makes a linear reading of it."""
+    moved = np.moveaxis(np.cross(np.moveaxis(added, 2, 1), view.start[3:6]), 1, 2)
+    return {"attitude": -view.turned_rows(added), "linear": -view.linear_rows(view.binned(moved))}
+
+
+def steps(view: SwingView, epochs: np.ndarray) -> list[Candidate]:
+    """A step of the linear readings at each of some epochs s."""
+    time, width = view.record.time, view.record.time[1] - view.record.time[0]
+    after = np.clip((time + width / 2 - epochs[:, None]) / width, 0, 1)[:, :, None, None] * np.eye(3)
+    return [step(t, view.cut(linear=view.linear_rows(one))) for t, one in zip(epochs, after, strict=True)]
+
+
+def step(epoch: float, columns: list[np.ndarray | None]) -> Candidate:
+    """Candidate of a step of the linear readings at an epoch s."""
+    return Candidate(at_epoch(STEP, epoch), f"time {epoch:.1f} s", ["x", "y", "z"], ["m s-2"] * 3, columns)
+
+
+def _series(view, about) -> list[tuple[str, str, np.ndarray]]:
+    """Driver, form and values (n,) 1 on the epochs of a context, each of a size near one."""
+    rate = about.rate_b - about.rate_b.mean(axis=0)
+    step_s = np.diff(about.time, prepend=about.time[0])[:, None]
+    angle = np.cumsum(np.nan_to_num(rate) * step_s, axis=0)
+    rows = []
+    for name, values in (("rate", rate), ("attitude", angle), ("angular_acceleration", about.rate_dot_b)):
+        values = np.nan_to_num(values) / max(np.nanmax(np.abs(values)), 1e-30)
+        rows += [(name, f"component {a}", values[:, i]) for i, a in enumerate("xyz")]
+        rows += [(name, *one) for one in products(values)]
+        rows += [(name, f"size of {a}", np.abs(values[:, i])) for i, a in enumerate("xyz")]
+        rows += [(name, f"cube of {a}", values[:, i] ** 3) for i, a in enumerate("xyz")]
+    size = np.abs(np.nan_to_num(rate)) / max(np.nanmax(np.abs(rate)), 1e-30)
+    for tau in MEMORIES_S:
+        share = 1 - np.exp(-float(step_s[1, 0]) / tau)
+        kept = lfilter([share], [1, share - 1], size, axis=0)
+        rows += [("rate", f"memory of {tau:g} s of the size of {a}", kept[:, i]) for i, a in enumerate("xyz")]
+    since = np.clip(about.time - view.record.time[0], 0, None)
+    return rows + [("time", f"decay of {t:g} s", np.exp(-since / t)) for t in (10.0, 30.0, 90.0)]
+
+
+def swing_without(view: SwingView, model: Sequence[Entry]) -> xr.Dataset:
+    """Record of the swing without the effects of a model, so that the baseline describes what is left.
+
+    Contributions are taken out of the combinations of voltages that read them, tags lose their delay, the attitude
+    is turned back. A line is left where it is: the model does not hold its phase.
+    """
+    extended = view.aligned.copy(deep=True)
+    volts, time = extended["volts"].values, extended["time"].values
+    about, added = view.context(time, _place_without(view, model)), np.zeros((time.size, 6))
+    for entry in model:
+        for channel, part in COMBINATIONS.items():
+            added[:, part] += _added(view, entry, channel, about)
+    volts -= electrodes.volts(added / np.concatenate([view.k, view.unknowns.factors[fits.OWNER]]))
+    for entry in (one for one in model if one.listed):  # last: what is added was read at the tags as they are
+        known = effect(entry.cause)
+        values = known.values(entry.values)
+        if known.channel == "electrode_v":
+            volts -= known.contribution(about, values)
+        elif known.channel == "acc_delay":
+            volts[:] = lines_between(time + values[0], time, volts)
+        elif known.slug == LOOP:
+            readouts = electrodes.readouts(volts)
+            readouts[:, 3:] = lines_between(time + values[0], time, readouts[:, 3:])
+            volts[:] = electrodes.volts(readouts)
+        elif known.channel == "sca_delay":
+            extended.coords["time_att"] = extended["time_att"] - values[0]
+        elif known.channel == "pointing_b":
+            attitude = extended["quaternion"].values
+            back = frames.from_rotation_vector(np.tile(-values, (len(attitude), 1)))
+            attitude[:] = frames.quaternion_product(attitude, back)
+    return extended.assign_attrs(model=" ".join(one.cause for one in model))
+
+
+def _place_without(view, model):
+    """Offset (3,) m that the readings along x and z show without a model, which in turn follows from the offset.
+
+    With a coupling of a quarter the offset of the readings as they are makes an eighth of it wrong.
+    """
+    place = view.start[3:6]
+    columns = np.concatenate([np.nan_to_num(view.tensor), on_axes(view.record.trend)], axis=2)
+    seen = np.repeat([True, False, True], view.record.time.size)  # the factor of a_y is not known
+    for _ in range(FIXED_POINT):
+        about = view.context(place=place)
+        added = np.zeros_like(about.linear_b) + sum(_added(view, entry, "linear", about) for entry in model)
+        left = view.k * np.nan_to_num(view.record.linear_volt) - view.binned(added)
+        both = np.where(view.good[:, None, None], np.concatenate([left[:, :, None], columns], axis=2), 0.0)
+        rows = view.linear_rows(both)[seen]
+        place = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0][:3]
+    return place
+
+
+def _added(view, entry, channel, about):
+    """What an entry adds to linear or angular readings, (n, 3) m s-2 or rad s-2."""
+    if entry.listed:
+        known = effect(entry.cause)
+        if known.channel != f"{channel}_b" or known.slug in (TONE, LOOP):
+            return 0.0
+        return known.contribution(about, known.values(entry.values))
+    own = view.context()  # where its candidates are made
+    rows = ((d, f, np.interp(about.time, own.time, values)) for d, f, values in _series(view, own))
+    return added_by(entry, channel, f"{channel} reading, ", rows)
+
+
+def of_roll(view: RollView) -> list[Candidate]:
+    """Effects on the linear readings, then what these may follow."""
+    about, candidates = view.context(), []
+    for entry in EFFECTS:
+        if entry.channel in ("linear_b", "electrode_v"):
+            columns = _read(view, entry, entry.columns(about)).reshape(*view.time.shape, 3, -1)
+            candidates += listed(entry, view.rows(columns)).each_alone()
+        elif entry.channel == "pointing_b":
+            candidates += listed(entry, view.rows(turned(view))).each_alone()
+    for driver, form, values in view.series():
+        columns = view.rows(values[:, :, None, None] * np.eye(3))
+        candidates.append(unknown(driver, f"{CHANNEL} reading, {form}", columns, "m s-2", along("linear")))
+    return candidates
+
+
+def _read(view, entry, added):
+    """Linear readings m s-2 of what an effect adds to them, or to the electrodes (n, 6, ...) V."""
+    if entry.channel == "linear_b":
+        return added
+    return np.einsum("a,av,nv...->na...", view.k, electrodes.READOUT[:3], added)
+
+
+def turned(view: RollView) -> np.ndarray:
+    """What readings hold beyond a model whose attitude is turned about each axis, (s, b, 3, 3) m s-2 rad-1."""
+    place, term = view.start[3:], np.matvec(view.tensor, view.start[3:])
+    turned = [np.cross(axis, term) - np.matvec(view.tensor, np.cross(axis, place)) for axis in np.eye(3)]
+    return np.stack(turned, axis=3)
+
+
+def roll_without(view: RollView, model: Sequence[Entry]) -> xr.Dataset:
+    """Bins of the roll without the effects of a model; drifts count from its middle."""
+    segmented = view.products["segment"]
+    extended = segmented.copy(deep=True).assign_attrs(model=" ".join(one.cause for one in model))
+    parts = spans(segmented, view.settings["segment_s"])
+    names = ("linear_volt", "R_bo", "rate_b", "gradient_b")
+    whole = [k for k, part in enumerate(parts) if all(np.isfinite(segmented[n].values[part]).all() for n in names)]
+    view = view_of_segments(view.products, view.settings, whole)
+    about, added = view.context(), np.zeros((view.time.size, 3))
+    rows = [(driver, form, values.ravel()) for driver, form, values in view.series()]
+    for entry in model:
+        if not entry.listed:
+            added += added_by(entry, "linear", f"{CHANNEL} reading, ", rows)
+            continue
+        known = effect(entry.cause)
+        if known.channel == "pointing_b":
+            turn = frames.R_bi_from_quaternion(frames.from_rotation_vector(-known.values(entry.values)))
+            extended["R_bo"].values[:] = turn @ extended["R_bo"].values
+            extended["rate_b"].values[:] = extended["rate_b"].values @ turn.T
+            extended["gradient_b"].values[:] = turn @ extended["gradient_b"].values @ turn.T
+        before = entry.values.get("time", np.inf) < about.time[0]  # a step that the bias of the roll contains
+        if known.channel in ("linear_b", "electrode_v") and known.slug != TONE and not before:
+            added += _read(view, known, known.contribution(about, known.values(entry.values)))
+    for k, volts in zip(whole, added.reshape(*view.time.shape, 3) / view.k, strict=True):
+        extended["linear_volt"].values[parts[k]] -= volts
+    return extended
