@@ -122,37 +122,22 @@ def test_a_users_own_satellite_is_found_first(own_folder, monkeypatch):
 BROKEN = {
     "satellites": [
         (HEADING + MASS.replace('source = "invented"\n', ""), r'zed\.toml: mass: found "source" is a required'),
-        (HEADING + MASS + "colour = 1\n", r"mass: .*'colour' was unexpected"),
-        (HEADING + MASS.replace('"none"', '"srf"'), r'mass\.frame: found "srf" is not one of'),
         (HEADING + MASS.replace("100.0", "nan"), r"mass\.value: found nan; expected finite numbers"),
         (HEADING + MASS.replace("100.0", "[[1, 2], [3]]"), r"mass\.value.*expected a full list"),
         (HEADING + MASS.replace("sigma = 1.0", "sigma = [1.0, 2.0]"), r"mass\.sigma.*shape of the value"),
         (HEADING + MASS.replace("sigma = 1.0", "sigma = -1.0"), r"mass\.sigma.*no negative"),
-        (HEADING + MASS.replace('"kg"', '""'), r'mass\.unit: found ""'),
-        (HEADING.replace("2030-01-01", '"2030"') + MASS, r'launched: found "2030" does not match'),
-        (HEADING + "weight = 3\n" + MASS, r"weight: found 3 is not of type"),
-        (MASS, r'"letter" is a required'),
         ("letter = \n", r"zed\.toml: .*not valid TOML.*line 1"),
     ],
     "events": [
-        (EVENT.replace('"com_offset"\ns', "1\ns"), "calibration: found 1 is not of type"),
-        (EVENT.replace('["grace-c"]', '"grace-c"'), 'satellites: found "grace-c" is not of type "array"'),
         (EVENT.replace('["grace-c"]', '["grace-z"]'), "no satellite named 'grace-z'"),
-        (EVENT.replace("2030-01-01", '"soon"'), 'date: found "soon" does not match'),
-        (EVENT.replace('"printed"', '"perhaps"'), 'date_status: found "perhaps"'),
         (EVENT.replace('"printed"', '"unknown"'), "date_status: found 'unknown'; expected a status that fits"),
         (EVENT.replace('"com_offset_session"', '"sesion"'), "no design named 'sesion'"),
         (
             EVENT.replace("found = []", '[[found]]\nkind = "yaw"\nstart = 2\nstop = 1'),
             r"found\.stop: found 1; expected later",
         ),
-        (EVENT + '[sha256]\n"a.txt" = "12"', r'sha256\.a\.txt: found "12" does not match'),
-        (EVENT.replace('release = "04"\n', ""), '"release" is a required'),
     ],
     "parameters": [
-        ("lowpass_hz = 1.0\n", 'lowpass_hz: found 1.0 is not of type "object"'),
-        ("[a_s]\nvalue = 1\nstage = 'x'\n", '"reason" is a required'),
-        ("[a_s]\nvalue = 1\nstage = 'x'\nreason = ''\n", r"a_s\.reason"),
         (
             "[a_s]\nvalue = 1\nunit = 's'\nmaximum = 0.5\nstage = 'x'\nreason = 'r'\n",
             r"a_s: found 1\.0; expected between",
@@ -264,7 +249,6 @@ def demo(own_folder):
         ("estimate_scale", "false", False),
         ("dynamics", "published", "published"),
         ("variants", "mtq,sca", ("mtq", "sca")),
-        ("lowpass_hz", 1, 1.0),
         ("drift_degree", 1, 1),
     ],
 )
@@ -280,7 +264,6 @@ def test_a_text_takes_the_type_of_the_parameter(demo, name, text, value):
         ("lowpas_hz", "1", "no parameter named 'lowpas_hz'.*Nearest: lowpass_hz"),
         ("lowpass_hz", "7", r"lowpass_hz: found 7\.0; expected between 0\.1 and 2 Hz"),
         ("lowpass_hz", "nan", r"lowpass_hz: found nan; expected a number"),
-        ("lowpass_hz", "fast", "found 'fast'; expected a number"),
         ("drift_degree", "2.5", "found '2.5'; expected a whole number"),
         ("estimate_scale", "perhaps", "found 'perhaps'; expected true or false"),
         ("dynamics", "rough", "found 'rough'; expected one of full, published"),
