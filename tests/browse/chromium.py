@@ -18,22 +18,6 @@ FLAGS = [
 
 DRAWN = "return [...document.querySelectorAll('[data-figure]')].map(place => place.dataset.state)"
 
-#: Colours on the canvases of each figure, as lists of "red,green,blue".
-PIXELS = """
-return [...document.querySelectorAll('.plot')].map(place => {
-  const walk = (root) => [...root.querySelectorAll('*')].flatMap(
-    (node) => [node, ...(node.shadowRoot ? walk(node.shadowRoot) : [])]);
-  const canvases = walk(place).filter((node) => node.tagName === 'CANVAS' && node.width > 100);
-  const colours = new Set();
-  for (const canvas of canvases) {
-    const data = canvas.getContext('2d').getImageData(0, 0, canvas.width, canvas.height).data;
-    for (let i = 0; i < data.length; i += 4)
-      if (data[i + 3] === 255) colours.add(`${data[i]},${data[i+1]},${data[i+2]}`);
-  }
-  return [...colours];
-});
-"""
-
 
 def missing() -> str:
     """Say what has to be installed, "" if nothing."""
@@ -71,18 +55,6 @@ def click(browser, words):
     links = [one for one in browser.find_elements(By.PARTIAL_LINK_TEXT, words) if one.is_displayed()]
     assert links, f"no link {words!r} at {browser.current_url}"
     links[0].click()
-
-
-def drag(browser, start, *places):
-    """Pull the mouse from one place of the window, px, over others to the last."""
-    from selenium.webdriver.common.actions.action_builder import ActionBuilder
-
-    actions = ActionBuilder(browser)
-    actions.pointer_action.move_to_location(*start).pointer_down()
-    for place in places:
-        actions.pointer_action.move_to_location(*place)
-    actions.pointer_action.pointer_up()
-    actions.perform()
 
 
 def wait(browser, condition):

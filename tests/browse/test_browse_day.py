@@ -2,10 +2,8 @@
 
 import csv
 import io
-import itertools
 import json
 import re
-import time
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,14 +12,14 @@ import axe_core_python
 import numpy as np
 import pytest
 import xarray as xr
-from chromium import DRAWN, PIXELS, click, complaints, drag, wait
+from chromium import DRAWN, click, complaints, wait
 from commands import gravcal
 from invented_store import EVENT, FILE, calibration, dataset, model, put, result
 
 from gravcal.browse import store_index
 from gravcal.report import discovery, pages
 from gravcal.report.figures import HANN, grid
-from gravcal.store import configurations, history, housekeeping, location
+from gravcal.store import configurations, history, location
 
 PAGES = ("/", "/products?all=1", f"/event/{EVENT}", f"/event/{EVENT}/discovery", "/timeline/com_offset",
          "/compare/com_offset", "/designs", "/designs?event=grace-c-2020-02-01",
@@ -83,14 +81,10 @@ def test_the_chain_is_that_of_the_last_run_and_results_say_how_they_differ(day, 
     assert "com_offset.align, reused, would be made again" not in picture
     assert "discovery_report" not in picture
     assert "discovery_report" in ask(f"/event/{EVENT}?flow=all").text.split("<h2>Chain")[1].split("</svg>")[0]
-    entries = housekeeping.entries(event=EVENT, configuration="operational")
-    assert {one.ref.stage for one in entries if one.ref.key in history.remade(entries, "gain")} == {
-        "com_offset.solve.mtq", "com_offset.solve.acc", "com_offset.report"}  # fmt: skip
     text = ask(f"/event/{EVENT}").text.split("<h2>Other results")[1].split("</table>")[0]
     assert "gain: 1.0 -&gt; 1.5" in text
     assert "gain: 9.0 -&gt; 1.5" in text
     assert "x 15.0 ± 1.0 µm: −5 (−5.00 sigma)" in text.replace(" um", " µm")
-    assert history.apart(day["first"]["report"].key, day["again"]["report"].key) == ["gain: 1.0 -> 1.5"]
 
 
 def test_two_configurations_stand_beside_each_other_event_by_event(day, ask, capsys):
@@ -134,9 +128,6 @@ def test_two_models_of_one_cause_are_told_apart(shop, ask, capsys):
         said = " ".join(capsys.readouterr().out.split())
         assert f"model {' '.join(settings)} " in said
         assert f"reason model: {reason}" in said
-    assert gravcal("settings", "com_offset") == 0
-    assert f"model={rod} 0.0298" in " ".join(capsys.readouterr().out.split())
-    plain = put(f"{EVENT}/com_offset.combine", dataset(5), {"method": "gravcal"}, [shop["again"]["mtq"]])
     with location.configured("model-a"):
         moved = put(f"{EVENT}/com_offset.align:moved_1", dataset(98), model(0.0318), [shop["again"]["align"]])
         copies = [
@@ -146,15 +137,12 @@ def test_two_models_of_one_cause_are_told_apart(shop, ask, capsys):
         added = {"added": json.dumps({"correction": [1.42e-20] * 9})}
         wide = put(f"{EVENT}/com_offset.combine", dataset(5, 9.0), added, copies, stage="tasks.com_offset:model_error")
     told = store_index.differing(store_index.entries())
-    assert told[plain.key] == []
     for name, own in made.items():
         for stage in ("extended", "mtq", "acc", "report"):
             assert told[own[stage].key] == [f"model: none -> {rod} {values[name]:.4f}"], (name, stage)
     assert told[wide.key] == told[made["model-a"]["mtq"].key]
     assert told[moved.key] == [f"model: none -> {rod} 0.0318"]
-    assert history.apart(made["model-b"]["mtq"].key, made["model-a"]["mtq"].key) == [f"model: {rod} 0.0200 -> 0.0298"]
     assert f"model: none -&gt; {rod} 0.0200<" in ask("/products").text
-    assert f"model: {rod} 0.0298 -&gt; 0.0200" in ask(f"/product/{made['model-b']['mtq'].key}").text
 
 
 def test_two_results_that_other_code_made_name_it(shop, ask):
@@ -183,7 +171,6 @@ def test_products_are_told_apart_by_what_differs(day, ask):
     rows = dict(re.findall(r'/product/(\w+)">.*?<td class="long">(.*?)</td>', ask("/products?all=1").text))
     assert [rows[one.key] for one in (read[0], old)] == [f"input file {FILE['file']} changed"] * 2
     assert rows[new.key] == ""
-    assert "gain: 1.5 -&gt; 1.0 (operational" in ask(f"/product/{day['first']['mtq'].key}").text
 
 
 def test_discovery_limits_designs_and_all_events_have_pages(day, ask):
@@ -226,8 +213,9 @@ def test_what_is_drawn_comes_as_csv(shop, ask):
     assert ask(f"{where.replace('acceleration_b', 'nothing')}").status_code == 404
 
 
-def test_seconds_of_gps_time_have_their_calendar_form_too(ask, site):
-    """Contract: of `detect`, whose unit is s: on the axis, under the mouse, in tables and CSV; a length has none."""
+@pytest.mark.usefixtures("shop")
+def test_seconds_of_gps_time_have_their_calendar_form_too(ask):
+    """Contract: of `detect`, whose unit is s: on the axis, in tables and CSV; a length has none."""
     start, seconds = 6.4e8 + np.array([0.25, 180.0, np.nan]), {"units": "s"}
     held = {"start": ("manoeuvre", start, seconds), "record_start": ((), start[0], seconds)}
     held |= {"shift": ("manoeuvre", [0.1, 0.2, 0.3], seconds), "margin": ((), 600.0, seconds)}
@@ -239,31 +227,25 @@ def test_seconds_of_gps_time_have_their_calendar_form_too(ask, site):
     assert ask(f"/csv/{key}/shift").text.splitlines()[0] == "series,manoeuvre (number),shift (s)"
     assert "<td>2020-04-12 21:46:40.250</td>" in ask(f"/product/{key}?variable=record_start").text
     assert "<td>2000-01-01" not in ask(f"/product/{key}?variable=margin").text
+    assert "DatetimeAxis" in ask(f"/figure/{key}/start?view=overlay").text
     for view in (f"start?with={other}&view=difference", "start?view=spectrum", "shift?view=overlay"):
-        assert "DatetimeAxis" not in ask(f"/figure/{key}/{view}").text
-    browser = site(f"/product/{key}?variable=start")
-    figure = "Bokeh.documents[0].get_model_by_name('figure')"
-    assert browser.execute_script(f"return {figure}.left[0].axis_label") == "start (GPS time)"
-    assert browser.execute_script(f"return {figure}.left[0].type") == "DatetimeAxis"
-    shown = "return Array.from(Bokeh.documents[0].get_model_by_name('line-0').data.t)"
-    assert browser.execute_script(shown)[:2] == pytest.approx(start[:2].tolist())
-    assert complaints(browser) == []
+        assert "DatetimeAxis" not in ask(f"/figure/{key}/{view}").text, view
 
 
 @pytest.fixture
 def at(day, site, browser):
-    """Return a function that opens a page on a screen: width in px, dark or not, on paper or not."""
+    """Return a function that opens a page on a screen: width in px, dark or not."""
 
-    def open_(path, width=1300, dark=False, media=""):
+    def open_(path, width=1300, dark=False):
         size = {"width": width, "height": 900, "deviceScaleFactor": 1, "mobile": width < 700}
         browser.execute_cdp_cmd("Emulation.setDeviceMetricsOverride", size)
         wish = [{"name": "prefers-color-scheme", "value": "dark" if dark else "light"}]
-        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": media, "features": wish})
+        browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": wish})
         return site(path)
 
     yield open_
     browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
-    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"media": "", "features": []})
+    browser.execute_cdp_cmd("Emulation.setEmulatedMedia", {"features": []})
 
 
 def test_columns_sort_and_filters_combine_and_both_stand_in_the_address(at):
@@ -284,22 +266,8 @@ def test_columns_sort_and_filters_combine_and_both_stand_in_the_address(at):
     assert browser.execute_script(cells.format(1)) == found
 
 
-def boxed(browser, panel):
-    """Zoom with the mouse into the middle of a panel."""
-    box = f"""const view = Bokeh.index.find_one({panel}), inner = view.frame.bbox;
-      view.model.toolbar.tools.find((one) => one.type === 'BoxZoomTool').active = true;
-      view.el.scrollIntoView({{block: 'center'}});
-      const outer = view.el.getBoundingClientRect();
-      return [outer.x + inner.x, outer.y + inner.y, inner.width, inner.height]"""
-    x, y, width, height = browser.execute_script(box)
-    drag(browser, *((x + share * width, y + share * height) for share in (0.3, 0.5, 0.7)))
-
-
 def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
-    """Contract: a zoom in x or y changes the address, which brings the same view back; a reset takes it out.
-
-    So does the size of the chain.
-    """
+    """Contract: a zoom changes the address, which brings the same view back with finer data; a reset takes it out."""
     browser = at(f"/product/{shop['again']['align'].key}")
     range_ = "Bokeh.documents[0].get_model_by_name('figure').x_range"
     start = browser.execute_script(f"return {range_}.start")
@@ -311,35 +279,12 @@ def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
     )
     x, seconds, *lengths = browser.execute_script(shown)
     assert seconds == pytest.approx(x / 1e3 - 946728000.0)  # GPS seconds beside calendar time, under the mouse
-    assert lengths[0] == lengths[1]
+    assert lengths[0] == lengths[1] == pytest.approx(23, abs=2)  # the samples themselves
     browser.get(browser.current_url)
     wait(browser, lambda one: one.execute_script(DRAWN) == ["drawn"])
     assert browser.execute_script(f"return {range_}.start") == pytest.approx(start + 1000)
-    own = f"/product/{shop['again']['align'].key}"
-    panels = {own: "", f"{own}?view=spectrum": "", "/timeline/com_offset": ".children[1]"}
-    for path, panel in panels.items():
-        browser, panel = at(path), f"Bokeh.documents[0].roots()[0]{panel}"  # noqa: PLW2901 - the rest of its name
-        ends = f"return [{panel}.x_range, {panel}.y_range].flatMap((one) => [one.start, one.end])"
-        whole = browser.execute_script(ends)
-        assert not re.search("(from|to|low|high)[.0-9]*=", browser.current_url)
-        boxed(browser, panel)
-        wait(browser, lambda one: re.search("from=.*low(.2)?=", one.current_url))
-        view = browser.execute_script(ends)
-        assert np.all(np.array([1, -1, 1, -1]) * (np.array(view) - whole) > 0)
-        browser.get(browser.current_url)
-        wait(browser, lambda one: set(one.execute_script(DRAWN)) == {"drawn"})
-        time.sleep(0.5)  # s, in which finer data come
-        assert browser.execute_script(ends) == pytest.approx(view, rel=1e-12)
-        browser.execute_script(f"Bokeh.index.find_one({panel}).reset()")
-        wait(browser, lambda one: not re.search("(from|to|low|high)[.0-9]*=", one.current_url))
-        assert browser.execute_script(ends) == pytest.approx(whole)
-    browser = at(f"/event/{EVENT}")
-    wide = "return document.querySelector('svg.chain').getBoundingClientRect().width"
-    before = browser.execute_script(wide)
-    browser.find_element("css selector", "[data-zoom='1.25']").click()
-    assert browser.execute_script(wide) == pytest.approx(1.25 * before, rel=0.01)
-    browser.get(browser.current_url)
-    assert browser.execute_script(wide) == pytest.approx(1.25 * before, rel=0.01)
+    browser.execute_script("Bokeh.index.find_one(Bokeh.documents[0].roots()[0]).reset()")
+    wait(browser, lambda one: not re.search("(from|to|low|high)[.0-9]*=", one.current_url))
 
 
 @pytest.fixture
@@ -363,52 +308,36 @@ def failing(day):
     return event
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        (EVENT,),  # why does yesterday's run differ from that of last month
-        ("with a check that fails", "grace-d-2021-05-01"),  # which events fail a check
-        (EVENT, "findings and limits"),  # what did discovery say of an event
-        ("Designs",),  # how can a better session be flown
-    ],
-    ids=["differs", "fails", "discovery", "better"],
-)
-def test_a_new_user_finds_by_clicks_alone(at, failing, path):
-    """Contract: each of the four questions is answered from the first page with one or two clicks."""
+def test_a_new_user_finds_by_clicks_alone(at, failing):
+    """Contract: each of four questions is answered from the first page with one or two clicks."""
     browser = at("/")
     shown = lambda: browser.find_element("tag name", "main").text  # noqa: E731
-    for words in path:
-        click(browser, words)
-        if words == "with a check that fails":
-            rows = [row.text for row in browser.find_elements("css selector", "tbody tr") if row.is_displayed()]
-            assert len(rows) == 1
-            assert failing in rows[0]
-            assert "fails: chi2 of the manoeuvres" in rows[0]
-    if path == (EVENT,):
-        because = browser.find_elements("css selector", "td[data-label='because of']")
-        assert {one.text for one in because} == {"gain: 9.0 -> 1.5", "gain: 1.0 -> 1.5"}
-        assert "15.0 \u00b1 1.0" in shown()
-    elif failing in path:
-        assert "chi2 of the manoeuvres: 7.25, limit 2" in shown()
-        assert "gaps" not in shown()
-    elif path == ("Designs",):
-        rows = "x (um) 2.25 1.51 1.49 1.56", "y (um) not determined 0.45 0.45 not determined", "31 % 97 % 43"
-        for said in ("C, 2026-03-01", "achieved in 12 flights", *rows, "count 5, kind pitch, rod x"):
-            assert said in shown()
-    else:
-        assert "A gain is named." in browser.find_element("css selector", ".verdict").text
+    click(browser, EVENT)  # why does yesterday's run differ from that of last month
+    because = browser.find_elements("css selector", "td[data-label='because of']")
+    assert {one.text for one in because} == {"gain: 9.0 -> 1.5", "gain: 1.0 -> 1.5"}
+    click(browser, "findings and limits")  # what did discovery say of an event
+    assert "A gain is named." in browser.find_element("css selector", ".verdict").text
+    browser = at("/")
+    click(browser, "with a check that fails")  # which events fail a check
+    (row,) = [one.text for one in browser.find_elements("css selector", "tbody tr") if one.is_displayed()]
+    assert "fails: chi2 of the manoeuvres" in row
+    click(browser, failing)
+    assert "chi2 of the manoeuvres: 7.25, limit 2" in shown()
+    assert "gaps" not in shown()
+    browser = at("/")
+    click(browser, "Designs")  # how can a better session be flown
+    rows = "x (um) 2.25 1.51 1.49 1.56", "y (um) not determined 0.45 0.45 not determined", "31 % 97 % 43"
+    for said in ("C, 2026-03-01", "achieved in 12 flights", *rows, "count 5, kind pitch, rod x"):
+        assert said in shown()
 
 
-def test_keys_are_shown_on_demand_and_what_has_no_result_says_why(at, day, monkeypatch):
+def test_keys_are_shown_on_demand_and_what_has_no_result_says_why(at, day):
     """Contract: no hash before it is asked for; an event without data says so."""
     browser = at("/")
     click(browser, "grace-d-2022-01-01")
     assert "no data" in browser.find_element("css selector", ".verdict.bad").text
     one = put(f"{EVENT}/com_offset.field", dataset(9).assign_attrs(igrf="f1" * 32), {"records": "da" * 32})
-    raw = {"name": "ACC1A.txt", "record": None, "inputs": [], "digest": "ab" * 32}
-    gone, tree = {"name": "0c" * 6, "record": None, "inputs": [], "gone": True}, history.tree
-    monkeypatch.setattr(history, "tree", lambda entry: tree(entry) | {"inputs": [raw, gone]})
-    own = [one.key, one.digest, "f1" * 32, "da" * 32, "gravcal_key", "sha256 abababababab", "0c0c0c0c0c0c"]
+    own = [one.key, one.digest, "f1" * 32, "da" * 32, "gravcal_key"]
     for path, keys in (("/products", [one.key[:12]]), (f"/product/{one.key}", own)):
         browser = at(path)
         text = browser.find_element("tag name", "main").text
@@ -419,41 +348,12 @@ def test_keys_are_shown_on_demand_and_what_has_no_result_says_why(at, day, monke
 
 
 def test_a_phone_keeps_the_verdict_in_sight(at):
-    """Contract: on 390 px the verdicts lie within the window, nothing has to be moved sideways."""
-    browser = at("/", width=390)
+    """Contract: on 390 px the verdicts lie within the window; that nothing is moved sideways is asked of all pages."""
     inside = """const cells = [...document.querySelectorAll('td.long, td:has(.mark)')];
       return cells.filter((one) => one.checkVisibility() && one.textContent.trim()).every((one) =>
       one.getBoundingClientRect().left >= 0 && one.getBoundingClientRect().right <= innerWidth)"""
-    assert browser.execute_script(inside)
-    browser = at("/timeline/com_offset", width=390)
-    assert browser.find_elements("css selector", "td[data-label='verdict'] .mark")
-    assert browser.execute_script(inside)
-    for path in (f"/event/{EVENT}", "/compare/com_offset", f"/event/{EVENT}/discovery", "/timeline/com_offset"):
-        browser = at(path, width=390)
-        assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path
-
-
-def test_dark_and_paper_have_styles_and_focus_is_seen(at):
-    """Contract: light letters on dark; neither navigation nor dark on paper; an outline on what the keyboard is at."""
-    style = "const s = getComputedStyle(document.querySelector('{}')); return [s.color, s.backgroundColor, s.display]"
-    browser = at("/", dark=True)
-    colour, paper, _ = browser.execute_script(style.format("body"))
-    assert (colour, paper) == ("rgb(228, 228, 228)", "rgb(22, 25, 29)")
-    browser = at(f"/event/{EVENT}", media="print")
-    assert browser.execute_script(style.format("nav"))[2] == "none"
-    browser, night = at("/timeline/com_offset", dark=True), "22,25,29"
-    wait(browser, lambda one: night in one.execute_script(PIXELS)[0])
-    browser.execute_script(f"addEventListener('beforeprint', () => {{ window.printed = (() => {{{PIXELS}}})(); }})")
-    browser.execute_cdp_cmd("Page.printToPDF", {"printBackground": True})
-    (printed,) = browser.execute_script("return window.printed")
-    assert "255,255,255" in printed
-    assert night not in printed
-    wait(browser, lambda one: night in one.execute_script(PIXELS)[0])
-    browser.get_log("browser")  # Chromium notes that the canvas is read often
-    browser = at("/")
-    browser.find_element("tag name", "body").send_keys("\ue004\ue004")  # Tab
-    outline = "const s = getComputedStyle(document.activeElement); return [s.outlineStyle, s.outlineWidth]"
-    assert browser.execute_script(outline) == ["solid", "3px"]
+    for path in ("/", "/timeline/com_offset"):
+        assert at(path, width=390).execute_script(inside), path
 
 
 def reports(folder):
@@ -473,28 +373,18 @@ def reports(folder):
     return [folder / "report.html", folder / "discovery.html"]
 
 
-@pytest.mark.parametrize("dark", [False, True])
-def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, dark, tmp_path):  # noqa: ARG001 - more to show
+@pytest.mark.parametrize(("width", "dark"), [(1300, False), (390, True)])
+def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, width, dark, tmp_path):  # noqa: ARG001 - more to show
     """Contract: no violation that axe-core finds (contrast, names, roles, headings); figures drawn, a quiet console."""
-    for path in (*(PAGES[2:4] if dark else PAGES), f"/product/{shop['again']['mtq'].key}"):
-        browser = at(path, dark=dark)
+    for path in (*(PAGES[:6] if width < 700 else PAGES), f"/product/{shop['again']['mtq'].key}"):
+        browser = at(path, width=width, dark=dark)
         browser.execute_script(SCRIPT)
         assert browser.execute_async_script(AXE) == [], path
         assert set(browser.execute_script(DRAWN)) <= {"drawn"}, path
         assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path
         assert complaints(browser) == []
-    for width, path in itertools.product((1300, 390), reports(tmp_path)):
-        browser = at("/", width=width, dark=dark)
+    for path in reports(tmp_path):
         browser.get(path.as_uri())  # as the pages show it in a frame, where no script may run
         browser.execute_script(SCRIPT)
-        assert browser.execute_async_script(AXE) == [], (path.name, width)
+        assert browser.execute_async_script(AXE) == [], path.name
         assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path.name
-
-
-def test_the_accessibility_check_finds_what_is_wrong(at):
-    """Contract: the test above can fail."""
-    browser = at("/")
-    browser.execute_script("document.querySelector('.filter').removeAttribute('aria-label')")
-    browser.execute_script("document.querySelector('.filter').removeAttribute('placeholder')")
-    browser.execute_script(SCRIPT)
-    assert any(one.startswith("label:") for one in browser.execute_async_script(AXE))

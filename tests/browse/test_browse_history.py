@@ -27,29 +27,20 @@ def gravcal(*arguments):
     return done.exit_code, done.output
 
 
-def test_a_calibration_has_a_series(tmp_path):
-    """Contract: page and document of the values that are determined, with their event."""
+def test_a_calibration_has_a_series_and_of_nothing_an_older_page_stays(tmp_path):
+    """Contract: page and document of the values that are determined; nothing: exit code 3, "no_data", no page."""
     page, path = tmp_path / "deep" / "series.html", tmp_path / "rows.json"
     code, said = gravcal("com_offset", "--out", page, "--json", path)
     assert code == 0
     found = json.loads(path.read_text())
     assert (found["schema_version"], found["status"], found["calibration"]) == (VERSION, "delivered", "com_offset")
-    own = [row for row in found["rows"] if row["kind"] == "measured"]
-    assert [row["event"] for row in own] == [EVENT] * 2
+    assert [row["event"] for row in found["rows"] if row["kind"] == "measured"] == [EVENT] * 2
     assert f"{len(found['rows'])} rows in {page}" in said
-    assert EVENT in page.read_text()
-
-
-def test_a_series_of_nothing_says_so_and_leaves_the_page(tmp_path):
-    """Contract: exit code 3 and "no_data"; an older page stays, a new one is not made."""
-    old, new = tmp_path / "old.html", tmp_path / "new.html"
-    old.write_text("kept")
-    for page in (old, new):
-        code, said = gravcal("com_offset", "--satellite", "D", "--out", page, "--json", tmp_path / "rows.json")
-        assert code == 3
-        assert "no result of com_offset of D in " in said
-        found = json.loads((tmp_path / "rows.json").read_text())
-        assert (found["status"], found["rows"]) == ("no_data", [])
-    assert old.read_text() == "kept"
-    assert not new.exists()
-    assert gravcal("com_offset", "--satellite", "X", "--out", new)[0] == 2
+    before = page.read_text()
+    assert EVENT in before
+    code, said = gravcal("com_offset", "--satellite", "D", "--out", page, "--json", path)
+    assert code == 3
+    assert "no result of com_offset of D in " in said
+    found = json.loads(path.read_text())
+    assert (found["status"], found["rows"], page.read_text()) == ("no_data", [], before)
+    assert gravcal("com_offset", "--satellite", "X", "--out", page)[0] == 2
