@@ -16,10 +16,10 @@ from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages, plain
 from gravcal.report.figures import bars, grid, thinned
 from gravcal.report.pages import Figure, Section, Table
-from gravcal.report.plain import NOT_DETERMINED, decimals, gps_text, plus_minus, probability, signed
+from gravcal.report.plain import NOT_DETERMINED, decimals, gps_text, probability, signed
 from gravcal.store.results import units
 
-WORDS = pages.words(__file__, "discovery.toml")
+WORDS = pages.words(__file__, "discovery.toml", cause=words.title)
 WIDE = 3.0  # sigma of a result that contradicts nothing
 STYLES = WORDS.styles
 LINES, NOISE = STYLES["lines"], STYLES["noise"]
@@ -96,17 +96,17 @@ def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Sect
         Figure(partial(reading, number=k), ("discovery",), caption(found, k, reported.readings))
         for k in range(len(document["findings"])) or (-1,)  # of the least likely band
     ]
-    causes = [findings_table(document), tied_table(document), weighed_table(document)]
+    causes = [findings_table(document), tied_table(document), WORDS.table("weighed", document)]
     cause = Section("The cause", causes, notes=[WORDS.note("cause")])
-    hidden = [unobservable_table(document), limits_table(document)]
+    hidden = [unobservable_table(document), WORDS.table("limits", document)]
     wrong = [f"{WORDS.note('wrong')} {reported.note}".strip()]
     return [
         *([Section("What was found", figures=here)] if any(one.caption for one in here) else []),
         *([cause] if document["findings"] else []),
         Section("The result", [change_table(document), gain_table(document)], notes=[WORDS.note("gain")]),
         Section("What this event could not have shown", hidden, notes=not_shown(document)),
-        Section("What is left", [outlier_table(document)], [_power, _spectra], wrong),
-        Section("What was tried", [tried_table(document)]),
+        Section("What is left", [WORDS.table("outliers", document)], [_power, _spectra], wrong),
+        Section("What was tried", [WORDS.table("tried", document)]),
     ]
 
 
@@ -125,11 +125,6 @@ def not_shown(document: dict) -> list[str]:
 def _named(one):
     """Effect and parameter of a limit."""
     return f"{words.title(one['cause'])} {one['parameter'].replace('_', ' ')}"
-
-
-def outlier_table(numbers: dict) -> Table:
-    """Isolated samples that were left out before the search."""
-    return WORDS.table("outliers", numbers.get("outliers", []))
 
 
 def findings_table(numbers: dict) -> Table:
@@ -166,21 +161,11 @@ def tied_table(numbers: dict) -> Table:
     return WORDS.table("tied", rows)
 
 
-def weighed_table(numbers: dict) -> Table:
-    """Evidence of every cause in its best form, where it was weighed."""
-    return WORDS.table("weighed", [one | {"title": words.title(one["cause"])} for one in numbers.get("weighed", [])])
-
-
 def change_table(numbers: dict) -> Table:
     """Calibration before and after the extension."""
     one = numbers["calibration_change"]
-    rows = []
-    for k, (name, unit) in enumerate(zip(one["names"], units(one), strict=True)):
-        pair = [plus_minus(one[w][k], one[f"sigma_{w}"][k]) for w in ("before", "after")]
-        moved = signed(one["change"][k], decimals(one["sigma_after"][k])), signed(one["change_in_old_sigma"][k], 1)
-        rows.append([name, *pair, unit, *moved])
     moving = f" What moves is given at {gps_text(one['epoch'])}." if "epoch" in one else ""
-    return WORDS.table("change", rows, variant=one["variant"], moving=moving)
+    return WORDS.table("change", numbers, units=units(one), moving=moving)
 
 
 def gain_table(numbers: dict) -> Table:
@@ -213,25 +198,6 @@ def unobservable_table(numbers: dict) -> Table:
         held = ", ".join(f"{v:.2g} {unit}" for _, v, (_, _, unit) in each if v is not None)
         rows.append([words.title(one["cause"]), where, f"{one['signal_to_noise']:.1f}", said, held])
     return WORDS.table("unobservable", rows)
-
-
-def limits_table(numbers: dict) -> Table:
-    """Size from which each effect would have been named, what it would be taken for, and what it does when missed."""
-    rows = []
-    for one in numbers.get("limits", ()):
-        size = NOT_DETERMINED if one["size"] is None else plain.quantity(one["size"], None, one["unit"])
-        share = f"{one['size'] / one['prior']:.2g}" if one["size"] is not None and one["prior"] else NOT_DETERMINED
-        checked = {True: "yes", False: "no", None: ""}[one["confirmed"]]
-        move = NOT_DETERMINED if one["bias_in_sigma"] is None else f"{one['bias_in_sigma']:.2g}"
-        name = " ".join(part for part in (one["parameter"], one["form"]) if part)
-        taken = ", ".join(map(words.title, one["confused_with"]))
-        rows.append([words.title(one["cause"]), name, size, share, checked, move, taken])
-    return WORDS.table("limits", rows)
-
-
-def tried_table(numbers: dict) -> Table:
-    """What else was tried in the first round, best first."""
-    return WORDS.table("tried", [one | {"title": words.title(one["cause"])} for one in numbers["tried"][:15]])
 
 
 def model_text(numbers: dict, event: str, given: str = "", result: dict | None = None) -> str:

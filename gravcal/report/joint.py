@@ -20,7 +20,7 @@ from gravcal.report.pages import Section
 from gravcal.report.plain import EPOCH, as_plain, number, plus_minus, probability, quantity, signed
 from gravcal.store import product
 
-WORDS = pages.words(__file__, "joint.toml")
+WORDS = pages.words(__file__, "joint.toml", cause=words.title)
 AHEAD_S, STEP_S = 0.5 * YEAR_S, YEAR_S / 12
 CHANGED = 3.0  # errors of a change from which it is worth a note
 
@@ -286,18 +286,12 @@ def _values(document):
 def page(document, moves, history) -> str:
     """Page of a joint search."""
     drawn = replace(_motion_figure, arguments=(document, moves, history))
-    ties = [
-        tie | {"named": words.title(one["cause"]), "beside": words.title(tie["cause"])}
-        for one in document["causes"]
-        for tie in one["separation"]
-    ]
+    ties = [{"named": one["cause"]} | tie for one in document["causes"] for tie in one["separation"]]
     made = [
         Section("How the calibration moves", [_motion_table(document), _event_table(document)], [drawn]),
         Section("Causes that events share", [_cause_table(document), _apart_table(document)]),
         Section("Ties", [WORDS.table("ties", ties)], notes=[WORDS.note("ties")]),
-        Section(
-            "Contradictions", [WORDS.table("contradictions", document["contradicting"])], notes=[WORDS.note("alone")]
-        ),
+        Section("Contradictions", [WORDS.table("contradictions", document)], notes=[WORDS.note("alone")]),
     ]
     made = [one for one in made[0 if moves else 1 :] if any(table.rows for table in one.tables)]
     count = f"{len(document['events'])} events of satellite {document['satellite']}, level {document['level']}"

@@ -64,28 +64,35 @@ def figure(*reads: str, caption: str) -> Callable[[Callable], Figure]:
 
 @dataclass(frozen=True)
 class Words:
-    """What a page says in words, as its TOML file has it, in tables by name; texts may hold {names} to be filled in."""
+    """What a page says in words, as its TOML file has it, in tables by name; texts are Jinja templates."""
 
     #: fields of a `Table` but for its rows; of `strong` -1 is the last row. In place of heads there may be columns,
-    #: [head, expression] each: cells are Jinja expressions of the entries of a record, with the `FORMS` as filters
+    #: [head, expression of the entries of a record] each, and `each`, the records as an expression of the document
     tables: Mapping[str, Mapping]
     #: caption; "panels" = [rows, columns] and arguments of `grid` where these do not depend on the data
     figures: Mapping[str, Mapping]
     styles: Mapping[str, Mapping]  #: arguments of what is drawn, colours by their names in `COLOURS`
     notes: Mapping[str, str]  #: everything else
+    forms: jinja2.Environment  #: of templates and expressions; filters are functions of `plain` and of the page
 
-    def table(self, name: str, rows: Sequence[Sequence | Mapping], **values) -> Table:
-        """Table of these rows, records where there are columns; values are its fields, or fill caption and heads."""
+    def table(self, name: str, given: Sequence | Mapping, **values) -> Table:
+        """Table of rows, of records where there are columns, of a document where it says `each`.
+
+        Values are fields of the table, or known to its texts and cells. Of a mapping each record knows its "key", of
+        what is no record the "value", of all the number "k".
+        """
         fields = self.tables[name] | {key: one for key, one in values.items() if key in Table.__dataclass_fields__}
+        if "each" in fields:
+            values |= given
+            given = self.forms.compile_expression(fields.pop("each"))(values) or ()
         if "columns" in fields:
             fields["heads"], cells = zip(*fields.pop("columns"), strict=True)
-            cells = [FORMS.compile_expression(cell, undefined_to_none=False) for cell in cells]
-            rows = [[cell(one) for cell in cells] for one in rows]
-        fields["caption"] = _filled(fields["caption"], values)
-        fields["heads"] = [_filled(head, values) for head in fields["heads"]]
+            cells = [self.forms.compile_expression(cell, undefined_to_none=False) for cell in cells]
+            given = [[cell(values | one) for cell in cells] for one in _records(given)]
+        said = [self.forms.from_string(text).render(values) for text in (fields["caption"], *fields["heads"])]
         if fields.get("strong") is not None:
-            fields["strong"] %= max(len(rows), 1)
-        return Table(rows=rows, **fields)
+            fields["strong"] %= max(len(given), 1)
+        return Table(**fields | {"rows": given, "caption": said[0], "heads": said[1:]})
 
     def figure(self, *reads: str) -> Callable[[Callable], Figure]:
         """Decorator: a function that draws into panels, one Axes or an array of them, as the `Figure` of its name.
@@ -95,7 +102,7 @@ class Words:
 
         def declared(draw):
             look = dict(self.figures[draw.__name__.lstrip("_")])
-            caption = _filled(look.pop("caption"), {})
+            caption = self.forms.from_string(look.pop("caption")).render()
             if "panels" not in look:
                 return Figure(draw, reads, caption)
             rows, columns = look.pop("panels")
@@ -111,24 +118,26 @@ class Words:
         return declared
 
     def note(self, name: str, **values) -> str:
-        """Text with values filled in."""
-        return _filled(self.notes[name], values)
+        """Text of this name."""
+        return self.forms.from_string(self.notes[name]).render(values)
 
 
-FORMS = jinja2.Environment(undefined=jinja2.StrictUndefined)
-FORMS.filters |= {name: getattr(plain, name) for name in plain.FORMS}
+def _records(given):
+    """Records of a mapping or sequence, see `Words.table`."""
+    named = [{"key": key} for key in given] if isinstance(given, Mapping) else [{}] * len(given)
+    values = given.values() if isinstance(given, Mapping) else given
+    entries = [dict(one) if isinstance(one, Mapping) else {"value": one} for one in values]
+    return [{"k": k} | name | entry for k, (name, entry) in enumerate(zip(named, entries, strict=True))]
 
 
-def _filled(text, values):
-    """Text with values filled in; {hann} and {bare} say how a spectrum is made."""
-    return text.format_map({"hann": HANN, "bare": BARE} | values)
-
-
-def words(module: str, name: str) -> Words:
-    """Words of a page, from the file of that name beside a module."""
+def words(module: str, name: str, **forms: Callable) -> Words:
+    """Words of a page, from the file of that name beside a module; forms are filters beside those of `plain`."""
     content = tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8"))
     content["styles"] = _coloured(content.get("styles", {}))
-    return Words(*(content.get(part, {}) for part in ("tables", "figures", "styles", "notes")))
+    known = jinja2.Environment(undefined=jinja2.StrictUndefined)
+    known.filters |= vars(plain) | forms
+    known.globals |= {"hann": HANN, "bare": BARE, "notes": content.get("notes", {})}
+    return Words(*(content.get(part, {}) for part in ("tables", "figures", "styles", "notes")), known)
 
 
 def _coloured(style):

@@ -87,8 +87,6 @@ def gps_text(seconds, digits=0):
 
 
 NOT_DETERMINED = "–"
-#: Functions that make text of a number, or of more, for the columns of tables.
-FORMS = ("signed", "scientific", "plus_minus", "both", "printed", "probability", "chi_square", "gps_text", "quantity")
 
 
 def signed(value, digits):

@@ -365,7 +365,7 @@ def reports(folder):
     document |= {"configuration": "operational", "settings": {"level": 0.005}, "checks": [check], "limits": [limit]}
     drawn = pages.Figure(lambda: grid(1, 1, 2.0)[0], ("align",), "What was drawn.", ())
     several = pages.Table("Rows of many columns.", [f"column {n}" for n in range(30)], [range(30)], ("align",))
-    for name, table in (("report", several), ("discovery", discovery.limits_table(document))):
+    for name, table in (("report", several), ("discovery", discovery.WORDS.table("limits", document))):
         sections = [pages.Section("One", [table, replace(several, caption="More.")], [drawn], ["Said."], beside=True)]
         (folder / f"{name}.html").write_text(
             pages.page(document, sections, {}, heading=name, badges=[("a", True, "b")])

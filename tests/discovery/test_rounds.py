@@ -16,7 +16,7 @@ from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
 from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Block, Candidate, Observations, Shape, Wider
-from gravcal.report.discovery import limits_table, outlier_table, tied_table, unobservable_table
+from gravcal.report.discovery import WORDS, tied_table, unobservable_table
 from gravcal.report.discovery_words import verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
@@ -203,7 +203,7 @@ def test_an_isolated_outlier_is_left_out_and_reported_and_hides_no_cause():
     assert [f.cause for f in result.findings] == ["case.a"]
     assert result.after.p > CHOICE.level
     assert abs(result.shared[1][0] - 1.0) < 4 * result.sigma[1][0]
-    assert "39" in str(outlier_table(summary(result, CHOICE, OFFSET)).rows)
+    assert "39" in str(WORDS.table("outliers", summary(result, CHOICE, OFFSET)).rows)
     spike = np.eye(300)[:, 100:103] * [1, 0, 0]
     blocks, candidates = made(rng)
     stepped = replace(blocks[0], observed=blocks[0].observed + 12 * spike[:, 0], steps={100.0: spike})
@@ -576,7 +576,7 @@ def test_limits_say_from_which_size_an_effect_is_named_and_what_it_is_taken_for(
     assert rows["case.a"]["alone_from"] is None
     assert rows["case.b"]["alone_from"] == pytest.approx(rows["case.b"]["size"])
     assert len(said) == 4
-    assert len(limits_table({"limits": list(rows.values())}).rows) == 3
+    assert len(WORDS.table("limits", {"limits": list(rows.values())}).rows) == 3
 
 
 def test_a_series_that_comes_near_is_widened_to_the_law_that_is_there_with_its_constant():

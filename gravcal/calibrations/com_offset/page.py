@@ -96,7 +96,7 @@ def event_sections(document, published):
     fits = [replace(_spectra, reads=(solved,)), replace(_linear_accelerations, reads=(solved, "detect"))]
     return [
         Section("Result", [_combined_table(document, published)], [shown], result_notes(document, published)),
-        Section("Agreement and field check", [_agreement_table(document), _field_table(document)], beside=True),
+        Section("Agreement and field check", [_agreement_table(document), WORDS.table("field", document)], beside=True),
         Section("Every manoeuvre", [_manoeuvre_table(document, known)]),
         Section("Linear acceleration", figures=fits),
         Section("Angular acceleration and time", [_instrument_table(document)], [_angular_accelerations]),
@@ -116,7 +116,7 @@ def survey_sections(document):
         said += f", expected {plus_minus(**response['expected'], digits=4)}" if response["expected"] else ""
         notes = notes[0], [f"{said}, {response['samples']} samples."]
     return [
-        Section("Magnetic field", [_field_table(document)], [_field]),
+        Section("Magnetic field", [WORDS.table("field", document)], [_field]),
         Section("Attitude", figures=[_attitude], notes=notes[0]),
         Section("Torque against roll acceleration", figures=[_roll], notes=notes[1]),
     ]
@@ -472,16 +472,7 @@ def _agreement_table(document):
     tests = document["consistency"]
     named = {f"manoeuvres, {name}": one for name, one in tests["manoeuvres"]["by_variant"].items()}
     named |= {"acc and sca": tests["variants"], "mtq and acc, within catalogue error": tests["catalogue"]}
-    rows = [{"name": name, "test": one} for name, one in named.items()]
-    return WORDS.table("agreement", rows, level=tests["level"])
-
-
-def _field_table(document):
-    check = document["field_check"]
-    rows = [
-        {"name": word, "nt": check[f"{key}_nt"]} for word, key in (("bias", "bias"), ("rms", "rms"), ("largest", "max"))
-    ]
-    return WORDS.table("field", rows, **check)
+    return WORDS.table("agreement", named, level=tests["level"])
 
 
 # Figures

@@ -138,18 +138,12 @@ def _sections(document):
     notes = [WORDS.note("torque"), WORDS.note("above", degrees=", ".join(above) or "none")]
     know = [WORDS.note("rank"), WORDS.note("knowledge")]
     return [
-        Section("Drag", [_methods_table(document), _budget_table(document)], [_errors, _series]),
+        Section("Drag", [WORDS.table("methods", document), _budget_table(document)], [_errors, _series]),
         Section("Gravity-gradient torque", (), [_spectra, _degrees], notes),
         Section("Equation 3 against equation 1", (), [_printed_torque], [WORDS.note("printed")]),
         Section("Centre of pressure", [_pressure_table(document)], (), [WORDS.note("pressure")]),
         Section("What one sensor can tell", _knowledge_tables(document), (), know),
     ]
-
-
-def _methods_table(document):
-    limit, names = f"{float(document['settings']['requirement_m_s2']):.0e}", WORDS.notes["methods"]
-    rows = [one | {"name": names[name], "limit": limit, "key": name} for name, one in document["drag"].items()]
-    return WORDS.table("methods", rows)
 
 
 def _budget_table(document):
@@ -164,8 +158,8 @@ def _budget_table(document):
 def _knowledge_tables(document):
     own = document["identifiability"]
     null = [[f"{v:+.2f}" for v in vector] for vector in own["null_space"]["vectors"]]
-    knowledge = WORDS.table("knowledge", own["knowledge"])
-    return [knowledge, WORDS.table("null", null, heads=own["null_space"]["unknowns"], **own)]
+    null = WORDS.table("null", null, heads=own["null_space"]["unknowns"], **own)
+    return [WORDS.table("knowledge", document), null]
 
 
 def _pressure_table(document):

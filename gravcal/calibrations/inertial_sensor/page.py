@@ -194,8 +194,7 @@ def _sections(document, published):
     """Sections of the page."""
     sections, reasons = [Section("Motion", figures=[_motion])], document["not_determined"]
     if "swing" in document:
-        delay, agree = document["swing"]["delay_s"], document["swing"]["filter_minus_batch"]["sigmas"]
-        notes = [WORDS.note("late", delay=delay, agree=agree)]
+        notes = [WORDS.note("late", **document["swing"])]
         notes += [f"{name}: {why}." for name, why in reasons.items() if "bias" not in name]
         tables = [_factors(document, published), _arms(document), _factor_budget(document)]
         drawn = [_swing_readings, _convergence, _residuals, _filtering]
@@ -207,8 +206,7 @@ def _sections(document, published):
     elif "roll" in document:
         roll = document["roll"]
         notes = [WORDS.note("segments", **roll), f"b_y: {reasons['bias_y']}."]
-        parts = [[CAUSES[name], *(f"{v:.1e}" for v in own)] for name, own in roll["budget"].items()]
-        tables = [_bias(document, published), WORDS.table("bias_budget", parts)]
+        tables = [_bias(document, published), WORDS.table("bias_budget", document)]
         sections.append(Section("Bias", tables, [_segments], notes))
         sections.append(Section("Noise of z", figures=[_z_spectrum], notes=[WORDS.note("noise", **roll["z_noise"])]))
     return sections

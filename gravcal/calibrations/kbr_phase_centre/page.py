@@ -71,9 +71,9 @@ def sections(document, published):
     results = [_result_table(document, published, estimator) for estimator in ESTIMATORS]
     return [
         Section("Result", results, [replace(_estimates, arguments=[document])], notes),
-        Section("Sub-sets and geometry", [_subset_table(document, published), _geometry_table(document)]),
+        Section("Sub-sets and geometry", [_subset_table(document, published), WORDS.table("geometry", document)]),
         Section("Wiggles", [_manoeuvre_table(document)], [_angles, _series]),
-        Section("Noise", [_noise_table(document)], [_spectra, _noise]),
+        Section("Noise", [WORDS.table("noise", document)], [_spectra, _noise]),
         Section("Against published vectors", [_vector_table(document, published)]),
     ]
 
@@ -314,29 +314,11 @@ def _subset_table(document, published):
     return WORDS.table("subsets", rows)
 
 
-def _geometry_table(document):
-    own = document["geometry"]
-    rows = [
-        [name.replace("_", " "), *(signed(own["condition"][one][name], 1) for one in OBSERVABLES)]
-        for name in own["condition"]["range"]
-    ]
-    ratio = ", ".join(signed(value, 4) for value in own["one_sided_sigma_ratio"]["positive"])
-    return WORDS.table("geometry", rows, ratio=ratio, tan=signed(own["tan_offset"], 4))
-
-
 def _manoeuvre_table(document):
     scatter = document["consistency"]["scatter_between_manoeuvres_mm"]["range_rate"]
     spread = [f"{k} {axis} {signed(v, 4)}" for k, own in scatter.items() for axis, v in zip("yz", own[1:], strict=True)]
     agree = [f"{TITLES[name]} {chi_square(test)}" for name, test in document["consistency"]["manoeuvres"].items()]
-    rows = [one | {"begin": document["record"]["start"]} for one in document["manoeuvres"]]
-    return WORDS.table("manoeuvres", rows, agree="; ".join(agree), spread=", ".join(spread))
-
-
-def _noise_table(document):
-    own = document["noise"]
-    pairs = zip(own["quiet_um_rthz"].items(), own["manoeuvres_um_rthz"].values(), strict=True)
-    rows = [{"name": name, "quiet": quiet, "inside": inside} for (name, quiet), inside in pairs]
-    return WORDS.table("noise", rows, cameras=signed(own["star_camera_urad_rthz_4_mhz"], 2), **own)
+    return WORDS.table("manoeuvres", document, agree="; ".join(agree), spread=", ".join(spread))
 
 
 def _vector_table(document, published):
