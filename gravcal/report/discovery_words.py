@@ -3,6 +3,7 @@
 import re
 
 from gravcal import effects
+from gravcal.report import pages
 from gravcal.report.plain import decimals, gps_text, prefixed, probability, quantity, signed
 from gravcal.store.results import units
 
@@ -10,22 +11,8 @@ STATED = 3  # parameters of a finding that a sentence states
 CLEAR = 2.0  # of its error, from which a parameter is stated
 MOVED = 0.5  # of the error before, from which a move of the result is stated
 QUIET = 1e-3  # probability of so little power, below which the noise is overrated
-SYMBOLS = {"tau": "τ", "delay": "d", "threshold": "c", "level": "c", "cycles": "k", "frequency": "f", "damping": "ζ"}
-READINGS = {"linear": "a", "angular": "ω̇", "attitude": "θ", "magnetometer": "B", "range": "ρ", "torque": "T"}
-#: Words of a law, the law in symbols of what it is made of ({0}), and the equation that it stands for.
-LAWS = (
-    (r"(.+) where it is positive", "max({0}, 0)", ""),
-    (r"(.+) while the torquers are off", "{0} while the torquers are off", ""),
-    (r"a memory of (.+)", "u", "τ du/dt + u = {0}"),
-    (r"a delay of (.+)", "u", "u(t) = {0} at t − d"),
-    (r"a resonance with (.+)", "u", "u″/ω² + 2ζ u′/ω + u = {0}, ω = 2πf"),
-    (r"the square of (.+)", "{0}²", ""),
-    (r"the size of (.+)", "|{0}|", ""),
-    (r"the cube of (.+)", "{0}³", ""),
-    (r"(.+) beyond a threshold", "sign({0}) max(|{0}| − c, 0)", ""),
-    (r"the saturation of (.+)", "c tanh({0}/c)", ""),
-    (r"waves in (.+)", "A₀ sin k{0} + A₁ cos k{0}", ""),
-)
+WORDS = pages.words(__file__, "discovery_words.toml")
+SYMBOLS, READINGS, LAWS = (WORDS.notes[name] for name in ("symbols", "readings", "laws"))
 
 
 def title(cause: str) -> str:

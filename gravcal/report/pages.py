@@ -121,6 +121,11 @@ class Words:
         """Text of this name."""
         return self.forms.from_string(self.notes[name]).render(values)
 
+    def said(self, name: str, **values) -> list[str]:
+        """Texts in the list of this name, without those that say nothing of these values."""
+        texts = (self.forms.from_string(text).render(values) for text in self.notes[name])
+        return [text for text in texts if text]
+
 
 def _records(given):
     """Records of a mapping or sequence, see `Words.table`."""

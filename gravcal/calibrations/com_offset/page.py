@@ -67,19 +67,12 @@ def html(document, products, published, vcm=None):
     delivered = "variants" in document
     sections = event_sections(document, published) if delivered else survey_sections(document)
     verdict = document["verdict"]
-    start, stop = (document["record"][name] for name in ("start", "stop"))
-    subtitle = "" if None in (start, stop) else f"Record {gps_text(start)} to {gps_text(stop)} GPS. "
-    if delivered:
-        kinds = [one["kind"] for one in document["manoeuvres"]]
-        counted = ", ".join(f"{kinds.count(kind)} {kind}" for kind in ("pitch", "roll", "yaw") if kind in kinds)
-        subtitle += f"{len(kinds)} manoeuvres ({counted}). Vectors from proof mass to centre of mass, in SRF. "
-        subtitle += f"Noise from {document['noise']['source']}."
     return pages.page(
         document,
         sections,
         products,
         heading="Centre-of-mass offset",
-        subtitle=subtitle,
+        subtitle=WORDS.note("subtitle", **document),
         good=verdict["accuracy_met"] and verdict["consistent"] is not False if "requirement" in verdict else None,
         badges=badges(document) if delivered else (),
         lines=("Result as a VCM line", vcm) if vcm else None,
@@ -107,18 +100,10 @@ def event_sections(document, published):
 
 def survey_sections(document):
     """Sections of a record without manoeuvre: what could be measured all the same."""
-    residual, response = document["attitude"], document["roll_response"]
-    rms = ", ".join(signed(item, 2) for item in residual["rms_urad"])
-    notes = [WORDS.note("attitude", rms=rms, samples=residual["samples"])], [WORDS.note("no_roll")]
-    if response is not None:
-        measured = plus_minus(response["value"], response["sigma"], digits=4)
-        said = f"Roll acceleration for current times field: {measured} rad s⁻² mA⁻¹ T⁻¹"
-        said += f", expected {plus_minus(**response['expected'], digits=4)}" if response["expected"] else ""
-        notes = notes[0], [f"{said}, {response['samples']} samples."]
     return [
         Section("Magnetic field", [WORDS.table("field", document)], [_field]),
-        Section("Attitude", figures=[_attitude], notes=notes[0]),
-        Section("Torque against roll acceleration", figures=[_roll], notes=notes[1]),
+        Section("Attitude", figures=[_attitude], notes=WORDS.said("attitude", **document)),
+        Section("Torque against roll acceleration", figures=[_roll], notes=WORDS.said("roll", **document)),
     ]
 
 
@@ -142,16 +127,8 @@ def badges(document):
 
 def result_notes(document, published):
     """What the numbers of the result mean."""
-    notes = [WORDS.note("errors", rule=document["adopted"]["rule"])]
-    if any(document["outliers"].values()):
-        counted = " and ".join(f"{count} of {name}" for name, count in document["outliers"].items() if count)
-        notes.append(WORDS.note("outliers", counted=counted))
-    if document["settings"].get("model"):
-        notes.append(WORDS.note("model", epoch=document["epoch"]))
-    if document.get("method", "gravcal") == "published":
-        notes.append(WORDS.note("published"))
     sources = sorted({one.source for name in ("combined", "manoeuvres") for one in published.get(name, ())})
-    return [*notes, WORDS.note("printed", sources="; ".join(sources))] if sources else notes
+    return WORDS.said("result", sources=sources, **{"method": "gravcal"} | document)
 
 
 # Document

@@ -12,7 +12,7 @@ from gravcal.calibrations.schemas import build
 from gravcal.report import pages
 from gravcal.report.figures import AXIS, COLOURS, density, opened
 from gravcal.report.pages import Section
-from gravcal.report.plain import AXES, NOT_DETERMINED, estimate, gps_text, number, numbers, plus_minus
+from gravcal.report.plain import AXES, NOT_DETERMINED, estimate, number, numbers, plus_minus
 
 WORDS = pages.words(__file__, "page.toml")
 CAUSES = WORDS.notes["causes"]
@@ -32,11 +32,12 @@ def report(*products, event, names, settings, published):
     named = dict(zip(names, products, strict=True))
     tests = [*of_product(named["checks"]), *checks.result(named, settings)] if "checks" in named else []
     found, sections = _result(named, settings), partial(_sections, published=published)
-    spans = [f"{m['kind']} {gps_text(m['start'])} to {gps_text(m['stop'])}" for m in found["manoeuvres"]]
-    subtitle = (
-        f"{'; '.join(spans) or 'No manoeuvre'} GPS. Vectors from the centre of mass to the test mass, sensor frame."
-    )
-    about = {"event": event, "settings": settings, "heading": "Inertial sensor", "subtitle": subtitle}
+    about = {
+        "event": event,
+        "settings": settings,
+        "heading": "Inertial sensor",
+        "subtitle": WORDS.note("subtitle", **found),
+    }
     document, files = pages.report("inertial_sensor", found, named, tests, sections, **about)
     swung, rolled = document.get("swing", {}), document.get("roll", {})
     unknown = {"value": [None] * 3}

@@ -14,7 +14,7 @@ from gravcal.io.vcm import commented, vector_line, write_vector_file
 from gravcal.report import documents, pages, plain
 from gravcal.report.figures import COLOURS, bars, grid, opened, thinned
 from gravcal.report.pages import Section
-from gravcal.report.plain import NOT_DETERMINED, chi_square, gps_text, number, numbers, plus_minus, signed
+from gravcal.report.plain import NOT_DETERMINED, gps_text, number, numbers, plus_minus, signed
 
 WORDS = pages.words(__file__, "page.toml")
 TITLES = {name: name.replace("_", " ") for name in OBSERVABLES}
@@ -39,15 +39,12 @@ def report(*products, event, settings, published, nominal_m):
     document = documents.delivered("kbr_phase_centre", found, named, checks, event=event, settings=settings)
     files = {"result.json": documents.text(document)}
     files |= vector_files(document, gps_text(document["record"]["start"])[:10])
-    span = " to ".join(gps_text(document["record"][name]) for name in ("start", "stop"))
-    subtitle = f"Record {span} GPS, satellites {' and '.join(document['pair'])}, {document['ranging']}, "
-    subtitle += f"{len(document['manoeuvres'])} wiggles. Vectors from centre of mass to phase centre, in SRF."
     files["report.html"] = pages.page(
         document,
         sections(document, published),
         named,
         heading="Antenna phase centres",
-        subtitle=subtitle,
+        subtitle=WORDS.note("subtitle", **document),
         good=document["verdict"].get("accuracy_met"),
         lines=("Result for the sequence-of-events file", files["result.soe"]) if "result.soe" in files else None,
     )
@@ -64,15 +61,12 @@ def sections(document, published):
     """Sections of the page of a judged document, beside the printed records of the catalogue."""
     if "satellites" not in document:
         return [Section("Pointing", figures=[replace(_angles, caption=WORDS.note("no_wiggle"))])]
-    notes = list(document["trust"])
-    if document["settings"].get("model"):
-        notes.append(WORDS.note("moving", epoch=gps_text(document["epoch"])))
-    notes += [one["text"] for one in document["indistinguishable_from_calibration"]]
+    notes = [*document["trust"], *WORDS.said("result", **document)]
     results = [_result_table(document, published, estimator) for estimator in ESTIMATORS]
     return [
         Section("Result", results, [replace(_estimates, arguments=[document])], notes),
         Section("Sub-sets and geometry", [_subset_table(document, published), WORDS.table("geometry", document)]),
-        Section("Wiggles", [_manoeuvre_table(document)], [_angles, _series]),
+        Section("Wiggles", [WORDS.table("manoeuvres", document)], [_angles, _series]),
         Section("Noise", [WORDS.table("noise", document)], [_spectra, _noise]),
         Section("Against published vectors", [_vector_table(document, published)]),
     ]
@@ -312,13 +306,6 @@ def _subset_table(document, published):
                 moved = [signed(one, 3) for one in (block["shift_mm"][k], block["predicted_shift_mm"][k], shift)]
                 rows.append([f"{name.replace('_x_fixed', ', x held')}, GRACE-{letter} {axis}", value, *moved])
     return WORDS.table("subsets", rows)
-
-
-def _manoeuvre_table(document):
-    scatter = document["consistency"]["scatter_between_manoeuvres_mm"]["range_rate"]
-    spread = [f"{k} {axis} {signed(v, 4)}" for k, own in scatter.items() for axis, v in zip("yz", own[1:], strict=True)]
-    agree = [f"{TITLES[name]} {chi_square(test)}" for name, test in document["consistency"]["manoeuvres"].items()]
-    return WORDS.table("manoeuvres", document, agree="; ".join(agree), spread=", ".join(spread))
 
 
 def _vector_table(document, published):
