@@ -549,13 +549,6 @@ def settings(calibration, name, json) -> None:
         | {part: getattr(plain.entry(n), part) for part in parts}
         for n in names
     }
-    if name in entries:  # stages that another value makes again, those of the newest event of the store
-        found = housekeeping.entries(configuration=location.OPERATIONAL)
-        mine = [one for one in found if one.ref.kind.startswith(f"{calibration}.")]
-        newest = max(mine, key=lambda one: one.record["made"]).ref.event if mine else None
-        own = [one for one in found if one.ref.event == newest]
-        again = lineage.remade(own, name)
-        entries[name]["reaches"] = list(dict.fromkeys(one.ref.kind for one in own if one.ref.key in again))
     document = {
         "calibration": calibration,
         "operational": configurations.operational(calibration),
@@ -573,9 +566,6 @@ def settings(calibration, name, json) -> None:
     ]
     if rows:
         output.table(["parameter", "value", "unit", "", "stages", "reason"], rows)
-    for one in entries.values():
-        if one.get("reaches"):
-            output.say(f"another value makes again: {', '.join(one['reaches'])}")
     output.say(f"operational: {_promoted(document['operational'])}")
     rows = [[name, ", ".join(configurations.said(given))] for name, given in shown.items()]
     if rows:

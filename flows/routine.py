@@ -19,7 +19,7 @@ PAIRS = {"A": "AB", "B": "AB", "C": "CD", "D": "CD"}
 @flow(name="routine")
 def simulate_and_fit(source, chosen):
     """What every instrument of a day should read, its fit, and what the fit leaves."""
-    made, missing = _attempted(PARTS, source, chosen)
+    made, missing = _attempted(_made, source, chosen)
     found = {f"{part}.{name}": one for part, done in made.items() for name, one in done.items()}
     known = {"names": tuple(found), "missing": missing, "event": source.event}
     return routine.report(*found.values(), settings=chosen.for_report(), **known)
@@ -33,7 +33,7 @@ def search(source, chosen, shown):
         about = {"calibration": one.name, "event": source.event, "settings": own.for_report()}
         return discover.searched(one, source, own, shown), about
 
-    found, missing = _attempted({part: functools.partial(of_part, part) for part in PARTS}, source, chosen)
+    found, missing = _attempted(of_part, source, chosen)
     known = {"parts": {part: about for part, (_, about) in found.items()}, "missing": missing, "event": source.event}
     return routine.discovered(*(ref for ref, _ in found.values()), settings=chosen.for_report(), **known)
 
@@ -50,11 +50,11 @@ def _owner(part, source, chosen):
     return one, source, catalog.parameters(part)
 
 
-def _attempted(parts, source, chosen):
-    """What each of some functions makes by part, and why others cannot."""
+def _attempted(make, source, chosen):
+    """What a function makes by part, and why it cannot make others."""
     found, missing = {}, {}
-    for part, made in parts.items():
-        done = engine.attempt(lambda made=made: made(source, chosen))
+    for part in PARTS:
+        done = engine.attempt(functools.partial(make, part, source, chosen))
         if isinstance(done, engine.GravcalError):  # said without the folder that was looked into
             products = done.facts.get("products")
             missing[part] = f"no {' or '.join(products)}" if products else str(done).partition(". ")[0]
@@ -63,43 +63,40 @@ def _attempted(parts, source, chosen):
     return found, missing
 
 
+def _made(part, source, chosen):
+    """Products of a part by stage, with that of its search if it is wanted."""
+    one, source, own = _owner(part, source, chosen)
+    made = PARTS[part](source, own)
+    return made | {"discovery": discover.searched(one, source, own)} if chosen.search else made
+
+
 def _accelerometer(source, chosen):
     made = _estimated(source, chosen, _aligned(source, chosen))
-    checked = routine.checks(made["estimate"], **chosen.for_stage("checks"))
-    return _searched("accelerometer", source, chosen, checks=checked, **made)
+    return {"checks": routine.checks(made["estimate"], **chosen.for_stage("checks"))} | made
 
 
 def _estimated(_source, chosen, aligned):
     return {"align": aligned, "estimate": routine.estimate(aligned, **chosen.for_stage("estimate"))}
 
 
-def _magnetometer(source, chosen):
-    own = catalog.parameters("magnetometer")
+def _magnetometer(source, own):
     aligned = magnetometer.aligned(source, own)
     found = magnetometer.estimated(own, aligned)
     checked = magnetometer_stages.checks(aligned, found, **own.for_stage("checks"))
-    return _searched("magnetometer", source, chosen, estimate=found, align=aligned, checks=checked)
+    return {"estimate": found, "align": aligned, "checks": checked}
 
 
-def _thrusters(source, chosen):
-    own = catalog.parameters("thrusters")
+def _thrusters(source, own):
     made = thrusters.products(source, own, thrusters.aligned(source, own))
     found = thrusters.estimated(source, own, made["noise"], made["align"])
-    checked = thruster_stages.checks(made["align"], found, **own.for_stage("checks"))
-    return _searched("thrusters", source, chosen, estimate=found, checks=checked, **made)
+    return {"estimate": found, "checks": thruster_stages.checks(made["align"], found, **own.for_stage("checks"))} | made
 
 
-def _ranging(source, chosen):
-    _, pair, own = _owner("ranging", source, chosen)
-    rows, checked = ranging.quiet_rows(pair, own)
+def _ranging(source, own):
+    rows, checked = ranging.quiet_rows(source, own)
     found = ranging_stages.estimate(rows, **own.for_stage("estimate"))
     checked = ranging_stages.checks(checked, found, **own.for_stage("checks"))
-    return _searched("ranging", source, chosen, estimate=found, align=rows, checks=checked)
-
-
-def _searched(part, source, chosen, **made):
-    """Products of a part with those of its search, if it is wanted."""
-    return made | {"discovery": discover.searched(*_owner(part, source, chosen))} if chosen.search else made
+    return {"estimate": found, "align": rows, "checks": checked}
 
 
 def _aligned(source, chosen):
@@ -111,7 +108,7 @@ def _aligned(source, chosen):
     return routine.align(*observed, **known, **chosen.for_stage("align"))
 
 
-#: {part: function (source, chosen) -> its products by stage, as its own flow makes them}
+#: {part: function (its source, its parameters) -> its products by stage, as its own flow makes them}
 PARTS = {one.__name__[1:]: one for one in (_accelerometer, _magnetometer, _thrusters, _ranging)}
 DISCOVERY = Discovery(
     lambda _source, chosen: chosen.for_stage("observe"),

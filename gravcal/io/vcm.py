@@ -15,7 +15,7 @@ import numpy as np
 
 from gravcal.errors import ProductError, refuse
 from gravcal.io.readers import read
-from gravcal.io.writers import label_header
+from gravcal.io.writers import header_lines, label_header
 
 SPACECRAFT = {f"GRACE{letter}": letter for letter in "ABCD"}
 EXPECTED = "time GRACEC VCM 3 x y z comment"
@@ -138,14 +138,7 @@ def write_vector_file(path, time, satellite, vector_b, source=""):
         length = float(np.linalg.norm(vector))
         cosines = " ".join(repr(float(item)) for item in (vector / length if length > 0 else vector))
         body += f"{int(t)} {satellite} {length!r} {cosines} 00000000\n"
-    about = {
-        "REFERENCE DOCUMENTATION": "vectors in SRF: length, direction cosines",
-        "SATELLITE NAME": f"GRACE {satellite}",
-        "SENSOR NAME": "Nodef",
-        "FILENAME": path.name,
-        "PROCESS LEVEL (1A OR 1B)": "VO",
-        "INPUT FILE NAME": source,
-    }
+    about = header_lines("vectors", satellite=satellite, path=path, source=source)
     header = label_header("ipXXXVOF : 9", times.astype(np.int64) * 10**9, len(body), about)
     path.write_text(header + body, encoding="ascii")
     return path

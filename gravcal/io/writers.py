@@ -55,10 +55,10 @@ def write(observed, path) -> Path:
     words = {"table": table, "path": path, "platform": TOGETHER.get(satellite, f"GRACE {satellite}")}
     words["level"] = LEVELS.get(table.name[-1], "1B")
     if table.header == "label" or table.mission == "GRACE":
-        kind, about = table.file_type or f"ip{table.name}F            : 0", _filled("simulated", **words)
+        kind, about = table.file_type or f"ip{table.name}F            : 0", header_lines("simulated", **words)
         header = label_header(kind, ticks, len(body), about)
     else:
-        header = _yaml(table, ticks, _filled("attributes", **words))
+        header = _yaml(table, ticks, header_lines("attributes", **words))
     text = header.encode() + body
     path.write_bytes(gzip.compress(text, 1, mtime=0) if path.name.endswith(".gz") else text)
     return path
@@ -131,8 +131,8 @@ def _printable(array, column):
     return polars.Series(texts).gather(places)
 
 
-def _filled(part, **words):
-    """Lines of a header by label, as `HEADERS` has them, with the words filled in."""
+def header_lines(part, **words):
+    """Lines of a header {label: text}, those of a table of headers.toml with the words filled in."""
     lines = HEADERS[part].items()
     return {n.format(**words): v.format(by=BY, **words) if isinstance(v, str) else v for n, v in lines}
 
@@ -189,6 +189,6 @@ def label_header(kind: str, ticks: np.ndarray, size: int, about: Mapping[str, st
     label, _, number = (part.strip() for part in kind.partition(":"))
     edges = [f"{t / 1e9:.6f} ({str(_date(t))[:22].replace('T', ' ')})" for t in (ticks[[0, -1]] if len(ticks) else ())]
     words = {"label": label, "number": number, "lines": LINES, "records": len(ticks), "size": 81 * (LINES + 1) + size}
-    entries = _filled("label", **words, **dict(zip(("first", "last"), edges or ("", ""), strict=True))) | about
+    entries = header_lines("label", **words, **dict(zip(("first", "last"), edges or ("", ""), strict=True))) | about
     lines = [f"{label:<30}: {value}"[:80].ljust(80) for label, value in entries.items()]
     return "\n".join([*lines, "END OF HEADER".ljust(80)]) + "\n"

@@ -22,8 +22,7 @@ EDGE = 70.0  # s flown before and after the day, for the filters
 MILLI_HZ = (2.0, 60.0)  # where the noise of the range is that of orbit and ranging, no polynomial and no filter
 
 
-#: Settings that are as on 2014-01-15, GRACE RL02.
-MEASURED = {"orbit_red_m": 3.5e-3, "orbit_red_slope": 2.2, "star_camera_white_rad": 2.5e-4}
+#: In place of what the catalogue has as it was on 2014-01-15, GRACE RL02.
 BENIGN = {"orbit_red_m": 0.0, "star_camera_white_rad": 1.5e-6}
 
 
@@ -90,7 +89,8 @@ def with_noise(chosen):
     """Settings with the noise that `noise` names: of what is as measured, if it is benign."""
     if "noise" not in chosen.entries or chosen.noise == "measured":
         return chosen
-    return chosen.with_settings({n: v for n, v in BENIGN.items() if getattr(chosen, n) == MEASURED[n]})
+    measured = catalog.parameters(chosen.calibration)
+    return chosen.with_settings({n: v for n, v in BENIGN.items() if getattr(chosen, n) == getattr(measured, n)})
 
 
 def draw_pair(chosen, day: float, rng) -> Pair:
