@@ -139,15 +139,12 @@ class Calibration:
     trims: bool = False  #: True if a time line shows the mass trims of its satellite
     band: float | None = None  #: limit that a time line draws about zero, or None
     design: str | None = None  #: name of the design of an event found in data, None if it has none
-    library: Callable | None = None  #: limits of a design, causes -> manoeuvres to choose from, as tables of one
-    #: numbers of the satellite, settings of the simulation, day -> share of orbits that have room for numbers of each
-    room: Callable | None = None
+    #: module that plans a design, None if there is none: ``library(limits, causes)`` -> manoeuvres to choose from, with
+    #: ``room(numbers of the satellite, chosen, day)``; or ``sessions(limits, s)`` -> whole sessions; and
+    #: ``measured_noise(settings of the simulation, of the calibration, products of `noise`)`` -> settings that hold it
+    planning: Any = None
     information: Callable | None = None  #: products of `Discovery` -> (k, p, p) SI of each manoeuvre, beside `library`
-    #: in place of `library` where manoeuvres are not chosen one by one: limits, s -> whole sessions, as lists of tables
-    sessions: Callable | None = None
-    noise: tuple[str, ...] = ()  #: products of an event from which its noise is known, and
-    #: settings of the simulation, of the calibration, these products -> those settings that hold the noise
-    measured_noise: Callable | None = None
+    noise: tuple[str, ...] = ()  #: products of an event from which its noise is known
     foretold: Callable | None = None  #: document -> values whose errors a design makes small
     truth: Callable | None = None  #: truth of a simulation -> true values of these
     schema: Path | None = None  #: JSON Schema of the result document, None if it ships with gravcal under the name

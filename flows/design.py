@@ -52,7 +52,7 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
     verify it. Plan and document go into the folder `out`; `say` is told what is being done.
     """
     one, limits = calibrations.load(name), limits or constraints(name)
-    able = {n: r for n in calibrations.known() if (r := calibrations.load(n)).library or r.sessions}
+    able = {n: r for n in calibrations.known() if (r := calibrations.load(n)).planning}
     if name not in able:
         refuse(f"design {name}", "no manoeuvres that it can choose from", " or ".join(able), "Name one of these.")
     for slug in causes:
@@ -61,7 +61,7 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
     noise = noise_of(one, satellite, configurations.chosen(name, {}))
     with tempfile.TemporaryDirectory(prefix="gravcal-design-") as folder, other_store(str(Path(folder) / "store")):
         place = Place(one, Path(folder), satellite, date, limits, say, noise["settings"])
-        if one.library:
+        if hasattr(one.planning, "library"):
             options = [place.at(period) for period in np.atleast_1d(limits["period_s"]).tolist()]
             found = [(*option.of_library(minutes or usual, causes), option) for option in options]
             _, plan, new, place = min(found, key=lambda one: one[0])
@@ -105,7 +105,9 @@ def noise_of(one, satellite, chosen):
     usual = catalog.parameters(f"simulate_{one.name}")
     for *_, event, origin in sorted(found, reverse=True):
         records = [store.newest_record(event, stage) for stage in one.noise]
-        settings = all(records) and one.measured_noise(usual, chosen, *(read(store.find(r["key"])) for r in records))
+        settings = all(records) and one.planning.measured_noise(
+            usual, chosen, *(read(store.find(r["key"])) for r in records)
+        )
         if settings:
             return {"of": f"{event} ({origin})", "settings": settings}
     return {"of": "the catalogue", "settings": {}}
@@ -164,7 +166,7 @@ class Place:
         if count < 1:
             expected = f"at least one manoeuvre of {limits['duration_s']} s"
             refuse("--budget", f"{minutes} minutes", expected, "Give more.")
-        tables = [table | {"count": 1} for table in self.one.library(limits, causes)]
+        tables = [table | {"count": 1} for table in self.one.planning.library(limits, causes)]
         pairs, tied = list(itertools.combinations(causes, 2)), self.tied
         flights = []
         for seed in (*range(1, 1 + FLIGHTS), *JUDGES):
@@ -173,7 +175,7 @@ class Place:
         allowed, wanted = np.full(len(tables), int(limits["most"])), design.needed(limits["probability"], tied)
         day = (datetime.fromisoformat(self.date) - calibrations.EPOCH).total_seconds()
         how = catalog.parameters(f"simulate_{self.one.name}").with_settings(self.settings("library", tables))
-        share = self.one.room(catalog.satellite(self.satellite).settings(), how, day)
+        share = self.one.planning.room(catalog.satellite(self.satellite).settings(), how, day)
         fits = lambda counts: share(counts) >= ROOM  # noqa: E731
         counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, allowed, pairs, wanted, fits)
         plan = [t | {"count": int(n)} for t, n in zip(tables, counts, strict=True) if n]
@@ -184,7 +186,7 @@ class Place:
         """Plan of the session with the least errors, beside those of the published one, and the errors of both."""
         later, names = range(FLIGHTS + 1, FLIGHTS + 1 + MOST), set(self.limits["parameters"])
         old, before = self.errors(self.one.design, later, causes, known=names)
-        plans, names = self.one.sessions(self.limits, minutes * 60), names or set(old)
+        plans, names = self.one.planning.sessions(self.limits, minutes * 60), names or set(old)
         if not names <= set(old):
             refuse("parameters", ", ".join(names), f"of {', '.join(old)}", "Correct the constraint.")
         size = {name: sigma for name, (sigma, *_) in old.items() if name in names and sigma}

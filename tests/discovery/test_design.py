@@ -160,7 +160,7 @@ def test_constraints_are_named_and_a_calibration_without_library_is_refused(tmp_
     place.errors = lambda *_, **__: ({"C x": (1.0, 1.0, "mm"), "C y": (1.0, 1.0, "mm")}, {})
     with pytest.raises(GravcalError, match="of C x, C y"):
         place.best(1.0, ())
-    place.limits["parameters"], plans = ["C x"], ranging.sessions(place.limits, 6e3)
+    place.limits["parameters"], plans = ["C x"], ranging.planning.sessions(place.limits, 6e3)
     known = lambda plan: (float(plans.index(plan)) or None) if plan in plans else None  # noqa: E731
     place.errors = lambda plan, *_, **__: ({"C x": (known(plan), 1.0, "mm"), "C y": (1.0, 1.0, "mm")}, {})
     assert place.best(100.0, ())[0] == plans[1]  # the least error of those that tell what the published one does not
@@ -280,8 +280,8 @@ def test_errors_of_a_design_grow_with_the_noise_of_the_last_event(tmp_path):
     assert flow.noise_of(one, "D", chosen)["of"] == "the catalogue"
     limits = flow.constraints(one.name) | {"rods": ["x", "y"], "latitude_deg": [60.0, 80.0], "period_s": 8.0}
     causes = "torque.dipole_gain", "torque.saturation"
-    assert len(one.library(limits)) == 2
-    tables = [table | {"count": 1} for table in one.library(limits, causes)]
+    assert len(one.planning.library(limits)) == 2
+    tables = [table | {"count": 1} for table in one.planning.library(limits, causes)]
     assert [table["current_ma"] for table in tables] == [110.0, 55.0, 110.0, 55.0]
     for settings in ({}, noise["settings"]):
         about = tmp_path, "C", "2026-03-01", limits, print, settings
