@@ -15,7 +15,7 @@ from gravcal.io import writers
 from gravcal.simulation import kbr_phase_centre as simulation
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "grace-2014-01-15"
-COUNT, HOURS = 3, 8
+COUNT = 3
 CALIBRATION = load("ranging")
 
 
@@ -24,10 +24,9 @@ def run(folder, discovery=False):
     return commands.run("ranging", folder, discovery)[0]
 
 
-def simulated(folder, seed, effects=None):
+def simulated(folder, seed):
     """True phase centres, mm, off the mean pointing by 3 mm, of an invented day with star cameras as measured."""
-    settings = {"phase_step_s": 1.0, "phase_centre_scatter_mm": 3.0}
-    truth = CALIBRATION.simulate(folder, seed=seed, effects=effects or {}, settings=settings)
+    truth = CALIBRATION.simulate(folder, seed=seed, settings={"phase_step_s": 1.0, "phase_centre_scatter_mm": 3.0})
     return np.concatenate([truth["phase_centre_mm"][letter] for letter in "CD"])
 
 
@@ -52,10 +51,23 @@ def test_errors_are_those_of_the_reported_sigma(tmp_path):
     assert low < np.sum(np.square(errors)) < high, seed
 
 
+def written(folder, seed, hours, effects=None, late="", **settings):
+    """Write the first hours of an invented day; tags of one product of some satellites are 137 s late."""
+    chosen = catalog.parameters("simulate_ranging").with_settings({"phase_step_s": 1.0} | settings)
+    begin = 653011200.0 - 43200.0
+    columns, _ = simulation.simulate("CD", chosen, begin, seed, effects or {})
+    for (product, letter), values in columns.items():
+        kept = values["gps_time"] < begin + hours * 3600
+        cut = {name: one[kept] for name, one in values.items()}
+        cut["gps_time"] = cut["gps_time"] + 137 * (product == late[:5] and letter in late[6:])
+        writers.write(cut, folder / writers.file_name(product, chosen.date, letter))
+
+
 def test_a_hidden_wave_is_named_and_taken_out(tmp_path):
     """Recovery: 8 mm with the argument of latitude, named alone with its size, beside noise of the star cameras."""
-    simulated(tmp_path / "hidden", seeds.seed("ranging_wave", 1e-4), {"ranging.once_per_revolution.sine": 8e-3})
-    found = run(tmp_path / "hidden", discovery=True)["findings"]
+    wave = {"ranging.once_per_revolution": {"sine": 8e-3}}
+    written(tmp_path, seeds.seed("ranging_wave", 1e-4), 18, wave, phase_centre_scatter_mm=3.0)
+    found = run(tmp_path, discovery=True)["findings"]
     assert any("attitude.star_camera_noise" in (one["cause"], *one["tied_with"]) for one in found)
     (wave,) = [one for one in found if one["cause"] == "ranging.once_per_revolution" and not one["tied_with"]]
     sine = wave["parameters"]["sine"]
@@ -72,13 +84,7 @@ def test_a_hidden_wave_is_named_and_taken_out(tmp_path):
 )
 def test_records_shifted_against_each_other_name_no_cause_but_timing(tmp_path, late, named):
     """Recovery: tags 137 s late in eight hours: the record is named, and the delay within its error."""
-    chosen, begin = catalog.parameters("simulate_ranging").with_settings({"phase_step_s": 1.0}), 653011200.0 - 43200.0
-    columns, _ = simulation.simulate("CD", chosen, begin, seeds.seed("ranging_late", 1e-4), {})
-    for (product, letter), values in columns.items():
-        kept = values["gps_time"] < begin + HOURS * 3600
-        cut = {name: one[kept] for name, one in values.items()}
-        cut["gps_time"] = cut["gps_time"] + 137 * (product == late[:5] and letter in late[6:])
-        writers.write(cut, tmp_path / writers.file_name(product, chosen.date, letter))
+    written(tmp_path, seeds.seed("ranging_late", 1e-4), 8, late=late)
     assert run(tmp_path)["status"] == "questionable"
     found = run(tmp_path, discovery=True)["findings"]
     assert [one["cause"] for one in found if one["cause"] != "unknown:excess"] == named  # what no shift of tags leaves
