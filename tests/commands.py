@@ -15,6 +15,7 @@ from flows import cli, discover, engine
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.errors import GravcalError
+from gravcal.io import archive, readers, writers
 from gravcal.store.schemas import validate
 
 
@@ -102,3 +103,14 @@ def discovered(calibration, folder, *options, origin="simulated"):
 def causes(found):
     """Causes that a search has named."""
     return [one["cause"] for one in found["findings"]]
+
+
+def shortened(folder, hours, late="", by_s=0):
+    """Leave of the files of a pair the first hours; tags of a product of some satellites ("SCA1B CD") are late."""
+    for path in sorted(folder.iterdir()):
+        file = archive.from_name(path)
+        columns = {name: one.values for name, one in readers.read(file).items()}
+        kept = columns["gps_time"] < columns["gps_time"][0] + 3600 * hours
+        columns = {name: one[kept] for name, one in columns.items()}
+        columns["gps_time"] = columns["gps_time"] + by_s * (file.product == late[:5] and file.satellite in late[6:])
+        writers.write(columns, path)

@@ -11,8 +11,6 @@ from scipy import stats
 from benchmarks import measured
 from flows.calibration import load
 from gravcal import catalog
-from gravcal.io import writers
-from gravcal.simulation import kbr_phase_centre as simulation
 
 MEASURED = Path(__file__).parents[3] / "shared" / "data" / "grace-2014-01-15"
 COUNT = 3
@@ -24,9 +22,10 @@ def run(folder, discovery=False):
     return commands.run("ranging", folder, discovery)[0]
 
 
-def simulated(folder, seed):
+def simulated(folder, seed, effects=None):
     """True phase centres, mm, off the mean pointing by 3 mm, of an invented day with star cameras as measured."""
-    truth = CALIBRATION.simulate(folder, seed=seed, settings={"phase_step_s": 1.0, "phase_centre_scatter_mm": 3.0})
+    settings = {"phase_step_s": 1.0, "phase_centre_scatter_mm": 3.0}
+    truth = CALIBRATION.simulate(folder, seed=seed, effects=effects or {}, settings=settings)
     return np.concatenate([truth["phase_centre_mm"][letter] for letter in "CD"])
 
 
@@ -51,22 +50,10 @@ def test_errors_are_those_of_the_reported_sigma(tmp_path):
     assert low < np.sum(np.square(errors)) < high, seed
 
 
-def written(folder, seed, hours, effects=None, late="", **settings):
-    """Write the first hours of an invented day; tags of one product of some satellites are 137 s late."""
-    chosen = catalog.parameters("simulate_ranging").with_settings({"phase_step_s": 1.0} | settings)
-    begin = 653011200.0 - 43200.0
-    columns, _ = simulation.simulate("CD", chosen, begin, seed, effects or {})
-    for (product, letter), values in columns.items():
-        kept = values["gps_time"] < begin + hours * 3600
-        cut = {name: one[kept] for name, one in values.items()}
-        cut["gps_time"] = cut["gps_time"] + 137 * (product == late[:5] and letter in late[6:])
-        writers.write(cut, folder / writers.file_name(product, chosen.date, letter))
-
-
 def test_a_hidden_wave_is_named_and_taken_out(tmp_path):
     """Recovery: 8 mm with the argument of latitude, named alone with its size, beside noise of the star cameras."""
-    wave = {"ranging.once_per_revolution": {"sine": 8e-3}}
-    written(tmp_path, seeds.seed("ranging_wave", 1e-4), 18, wave, phase_centre_scatter_mm=3.0)
+    simulated(tmp_path, seeds.seed("ranging_wave", 1e-4), {"ranging.once_per_revolution.sine": 8e-3})
+    commands.shortened(tmp_path, 18)
     found = run(tmp_path, discovery=True)["findings"]
     assert any("attitude.star_camera_noise" in (one["cause"], *one["tied_with"]) for one in found)
     (wave,) = [one for one in found if one["cause"] == "ranging.once_per_revolution" and not one["tied_with"]]
@@ -84,7 +71,8 @@ def test_a_hidden_wave_is_named_and_taken_out(tmp_path):
 )
 def test_records_shifted_against_each_other_name_no_cause_but_timing(tmp_path, late, named):
     """Recovery: tags 137 s late in eight hours: the record is named, and the delay within its error."""
-    written(tmp_path, seeds.seed("ranging_late", 1e-4), 8, late=late)
+    CALIBRATION.simulate(tmp_path, seed=seeds.seed("ranging_late", 1e-4), settings={"phase_step_s": 1.0})
+    commands.shortened(tmp_path, 8, late, 137)
     assert run(tmp_path)["status"] == "questionable"
     found = run(tmp_path, discovery=True)["findings"]
     assert [one["cause"] for one in found if one["cause"] != "unknown:excess"] == named  # what no shift of tags leaves

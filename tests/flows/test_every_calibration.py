@@ -19,6 +19,7 @@ from importlib import resources
 from pathlib import Path
 
 import astropy_iers_data
+import commands
 import h5py
 import pytest
 
@@ -72,6 +73,8 @@ def level_one(tmp_path_factory):
     folder = tmp_path_factory.mktemp("every")
     for name, settings in SMALL.items():
         command.record(name).simulate(folder / name, seed=1, truth=None, effects={}, settings=settings)
+    if "ranging" in SMALL:
+        commands.shortened(folder / "ranging", 8)
     return folder
 
 
