@@ -41,16 +41,9 @@ class Readings(Observations):
     def blocks(self):
         """One block a swing."""
         design, time = np.stack([self.angle, np.ones_like(self.angle)], axis=1), self.observed["time"].values
+        white, design = self.residual / self.sigma, design / self.sigma
         return [
-            Block(
-                f"swing {number}",
-                self.residual[rows] / self.sigma,
-                design[rows] / self.sigma,
-                np.zeros((rows.size, 0)),
-                np.array(["tilt"] * rows.size),
-                np.zeros(rows.size, dtype=int),
-                time[rows],
-            )
+            Block.of(f"swing {number}", white[rows], "tilt", 0, time[rows], shared=design[rows])
             for number, rows in enumerate(self.parts)
         ]
 
