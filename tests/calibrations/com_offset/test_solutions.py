@@ -1,7 +1,5 @@
 """Offsets of single manoeuvres and their combination: what is not determined, how sizes scale, what agrees."""
 
-import json
-
 import com_offset_chain as tools
 import numpy as np
 import pytest
@@ -11,7 +9,7 @@ from numpy.testing import assert_allclose
 from scipy import stats
 
 from gravcal import catalog
-from gravcal.calibrations.com_offset.estimate import combine, noise, quiet, with_model_error
+from gravcal.calibrations.com_offset.estimate import combine, noise, quiet
 from gravcal.physics.sensing import offset_tensor
 from gravcal.simulation.sensors import table_density
 
@@ -137,24 +135,6 @@ def test_the_combination_is_the_mean_weighted_with_full_matrices():
     combined = four(lambda v: solved(v, np.full((2, 3), np.nan), np.zeros((2, 3, 3))))  # blocks without samples
     assert np.isnan(combined["offset"].values).all()
     assert not combined["determined"].values.any()
-
-
-def test_moves_of_a_model_add_to_both_covariances():
-    """Analytic: S + sum d d', the offsets as they were; from the limit on a component is not determined."""
-    base = four(lambda v: solved(v, np.full((3, 3), 1e-5), np.broadcast_to(np.eye(3) * 1e12, (3, 3, 3))))
-    moves = np.array([[3e-6, 0, -1e-6], [0, 2e-6, 0]])
-    widened = with_model_error(base, *(base.assign(offset=base["offset"] + m) for m in moves), determined_sigma_um=50.0)
-    for name in ("covariance", "covariance_total"):
-        added = widened[name].values - base[name].values
-        assert_allclose(added, np.broadcast_to(moves.T @ moves, added.shape), rtol=1e-9, atol=1e-20)
-    assert_allclose(widened["offset"].values, base["offset"].values, rtol=0)
-    search = {"correction": [1e-6, 0, -2e-6], "covariance": np.diag([1e-12, 4e-12, 0]).tolist()}
-    found = with_model_error(base, determined_sigma_um=50.0, added=json.dumps(search))
-    assert_allclose(found["offset"].values, base["offset"].values + search["correction"])
-    assert_allclose(found["covariance"].values[1], base["covariance"].values[1] + search["covariance"])
-    widened = with_model_error(base, base.assign(offset=base["offset"] + [0, 60e-6, 0]), determined_sigma_um=50.0)
-    np.testing.assert_array_equal(widened["determined"].values, [[1, 0, 1]] * 4)
-    assert np.isnan(widened["offset"].values[:, 1]).all()
 
 
 def drawn(rng, information, own):
