@@ -90,11 +90,9 @@ def writable(ctx: typer.Context, path: Path | None) -> Path | None:
 def day(text: str) -> str:
     """Day of the calendar, written YYYY-MM-DD."""
     try:
-        if str(datetime.date.fromisoformat(text)) == text:
-            return text
+        return datetime.date.fromisoformat(text).isoformat()
     except ValueError:
-        pass
-    raise typer.BadParameter(f"{text} is no day of the calendar, expected YYYY-MM-DD.")
+        raise typer.BadParameter(f"{text} is no day of the calendar, expected YYYY-MM-DD.") from None
 
 
 #: Functions that arguments name: what completes, checks or reads them.
