@@ -1,5 +1,7 @@
 """Stages of the inertial-sensor calibration; the science is in `gravcal/calibrations/inertial_sensor`."""
 
+import functools
+
 from gravcal.calibrations import schemas
 from gravcal.store import product
 from tasks.stage import lazy, stage
@@ -17,7 +19,7 @@ KINDS = product.registered("inertial_sensor", **schemas.of("inertial_sensor.toml
 @stage(reads=["file"], writes="inertial_sensor.detect", version=1)
 def detect(*attitudes, **settings):
     """Swings and rolls in the attitude."""
-    return records.detect(*(files.loader(one) for one in attitudes), **settings)
+    return records.detect(*(functools.partial(files.read, one) for one in attitudes), **settings)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.align", version=1)

@@ -93,16 +93,11 @@ def read(file: LevelOneFile, start: float | None = None, stop: float | None = No
     return {"time": time} | values
 
 
-def loader(file: LevelOneFile) -> Callable[[], dict[str, np.ndarray]]:
-    """Function that reads a file when called; nothing is held in memory until then."""
-    return functools.partial(read, file)
-
-
 def loaders(files: Sequence[LevelOneFile]) -> list[tuple[Callable, ...]]:
     """Functions that read sensor, tracker and orbit of each day, without arguments; files in any order."""
     by_day: dict = {}
     for one in files:
-        by_day.setdefault(one.date, {})[one.product] = loader(one)
+        by_day.setdefault(one.date, {})[one.product] = functools.partial(read, one)
     return [tuple(day[name] for name in INERTIAL) for _, day in sorted(by_day.items())]
 
 
