@@ -67,17 +67,17 @@ def products():
 
 def test_a_campaign_says_and_makes_again_what_other_versions_made(environment, events, monkeypatch):
     """Contract: rows name them; with the setting worker processes make them again; then there is nothing to say."""
-    here = keys.versions()
+    versions = keys.versions()
     with monkeypatch.context() as patched:
-        patched.setattr(keys, "versions", lambda: here | {"scipy": "0.1"})
+        patched.setattr(keys, "versions", lambda: versions | {"scipy": "0.1"})
         chosen = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline", None, 0)
         campaigns.run(chosen, command.many_sources("fakecal", None, events))
-    said = [f"made by scipy 0.1, here {here['scipy']}"] * 2
-    _, summary = campaign(environment, events, "--engine", "inline")
+    said = [f"made by scipy 0.1, here {versions['scipy']}"] * 2
+    _, summary = here(events)
     assert [(row["made"], row["other_versions"]) for row in summary["events"]] == 4 * [(0, said)]
     _, summary = campaign(environment | {"GRAVCAL_REMAKE_VERSIONS": "1"}, events, "--engine", "inline")
     assert [(row["made"], row.get("other_versions")) for row in summary["events"]] == 4 * [(2, None)]
-    _, summary = campaign(environment, events, "--engine", "inline")
+    _, summary = here(events)
     assert [(row["made"], row.get("other_versions")) for row in summary["events"]] == 4 * [(0, None)]
 
 
@@ -153,11 +153,10 @@ def test_a_campaign_is_one_prefect_flow_with_a_task_per_event(environment, event
 
 def test_a_hundred_kills_leave_the_same_products(environment, events, store_folder, monkeypatch):
     """Contract: kill -9 at 100 random moments of campaigns; the next run ends with the same products, byte for byte."""
-    command = [sys.executable, str(SCRIPT), "campaign", "fakecal", "--data", str(events), "--workers", "0"]
-    kill = [sys.executable, str(SCRIPT), "kill", "100", "0.3", *command[2:]]
-    killed, ended = map(
-        int, subprocess.run(kill, capture_output=True, text=True, check=True, env=environment).stdout.split()
-    )
+    kill = [sys.executable, str(SCRIPT), "kill", "100", "0.3", "campaign", "fakecal", "--data", str(events)]
+    kill += ["--engine", "inline", "--workers", "0"]
+    said = subprocess.run(kill, capture_output=True, text=True, check=True, env=environment).stdout
+    killed, ended = map(int, said.split())
     assert killed == 100
     monkeypatch.setenv("GRAVCAL_PRODUCTS", f"{store_folder}-reference")
     assert here(events)[0] == 0
@@ -175,7 +174,7 @@ def test_what_failed_costs_a_re_run_no_cluster_start(environment, events, pipeli
     pipeline.replace("first.py", "    values =", "    assert count != 6, 'six'\n    values =")
     (events / "3" / pipeline.raw.name).unlink()
     (events / "3" / "SCA1B_2020-02-01_C_04.txt").write_text("aaa")
-    code, first = campaign(environment, events, "--workers", "0")
+    code, first = campaign(environment, events, "--engine", "inline", "--workers", "0")
     assert (code, first["counts"]) == (1, {"delivered": 2, "failed": 2})
     absent = tmp_path / "absent"
     for name in ("prefect", "distributed"):
