@@ -35,7 +35,6 @@ discoveries = lazy("flows.discover")
 effect_catalogue = lazy("gravcal.effects")
 exports = lazy("flows.export")
 fetching = lazy("gravcal.io.fetch")
-remote = lazy("gravcal.store.remote")
 report_history = lazy("gravcal.report.history")
 reproductions = lazy("flows.reproduce")
 servers = lazy("flows.serve")
@@ -100,7 +99,7 @@ FUNCTIONS = {one.__name__: one for one in (complete_events, complete_settings, c
 
 app = typer.Typer(help=ARGUMENTS["help"], rich_markup_mode=None, pretty_exceptions_enable=False, no_args_is_help=True)
 products = typer.Typer(
-    help="What lies in the store: list (also without a word), show, verify, prune, pin, unpin, push, pull.",
+    help="What lies in the store: list (also without a word), show, verify, prune, pin, unpin.",
     rich_markup_mode=None,
 )
 app.add_typer(products, name="products")
@@ -376,7 +375,7 @@ def serve(calibration, cron, watched, every_s, data, satellite, settings, worker
 
 @products.callback(invoke_without_command=True)
 def without_word(context: typer.Context) -> None:
-    """What lies in the store: list (also without a word), show, verify, prune, pin, unpin, push, pull."""
+    """What lies in the store: list (also without a word), show, verify, prune, pin, unpin."""
     if context.invoked_subcommand is None:
         list_products(event=None, stage=None, as_=None, all_=False, json=None)
 
@@ -429,23 +428,6 @@ def verify(json) -> None:
             output.say(f"{row['folder']}: {row['problem']}")
         output.say(f"{count} products, {len(problems)} problem(s)")
     raise typer.Exit(1 if problems else 0)
-
-
-@command_of(products)
-def push(url, json) -> None:
-    """Copy what is delivered, and all it was made of, to an object store; what is there stays."""
-    _copied("pushed to", url, remote.push(url), json)
-
-
-@command_of(products)
-def pull(url, json) -> None:
-    """Copy the products of an object store here, each compared with its record."""
-    _copied("pulled from", url, remote.pull(url), json)
-
-
-def _copied(what, url, done, json):
-    if output.delivered({"products": done[0], "bytes": done[1]}, json):
-        output.say(f"{done[0]} products, {done[1] / 1e6:.1f} MB {what} {url}")
 
 
 @command_of(products)

@@ -33,7 +33,7 @@ def test_targets_settings_errata_and_extras_that_pages_name_exist():
     assert cited <= listed
     extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
     page = (ROOT / "docs" / "scale.md").read_text()
-    for extra, module in (("slurm", "dask_jobqueue"), ("kubernetes", "dask_kubernetes"), ("s3", "s3fs")):
+    for extra, module in (("slurm", "dask_jobqueue"), ("kubernetes", "dask_kubernetes")):
         assert f"gravcal[{extra}]" in page
         assert module.replace("_", "-") in page or module in page
         assert extras[extra][0].startswith(module.replace("_", "-"))

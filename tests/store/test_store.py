@@ -47,6 +47,23 @@ def test_a_product_is_named_by_every_path_that_leads_to_it(monkeypatch):
         housekeeping.resolve(str(link.parent))
 
 
+def test_a_copy_of_a_store_is_a_store(tmp_path, monkeypatch):
+    """Contract: folders of products copied by any tool, without times; what was damaged on the way is found."""
+    ref, there = put(2.0), tmp_path / "copied"
+    damaged = put(3.0, event="other")
+    shutil.copytree(location.folder(), there, symlinks=True, copy_function=shutil.copyfile)
+    monkeypatch.setenv("GRAVCAL_PRODUCTS", str(there))
+    assert housekeeping.verify() == []
+    found = housekeeping.resolve("e/test.store").ref
+    assert found.path.is_relative_to(there)
+    assert found.digest == ref.digest
+    assert float(store.load(found)["value"][0]) == 2
+    file = there / damaged.path.relative_to(damaged.folder.parents[2])
+    file.write_bytes(file.read_bytes()[:-3])
+    ((folder, _),) = housekeeping.verify()
+    assert folder.name == damaged.key
+
+
 @pytest.mark.parametrize("damage", ["truncate", "flip", "remove", "no record", "note", "no note"])
 def test_damage_is_noticed_and_set_aside(damage):
     """Contract: half-written and altered objects never count as products."""
