@@ -43,7 +43,7 @@ def ask():
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory):
-    """Return Chromium; skips where it is missing, unless GRAVCAL_NEEDS_CHROMIUM is set."""
+    """Return Chromium; skips where it is missing, unless GRAVCAL_NEEDS_CHROMIUM is set, as .ci/run does."""
     if missing() and os.environ.get("GRAVCAL_NEEDS_CHROMIUM"):
         pytest.fail(missing())
     if missing():

@@ -12,13 +12,13 @@ import pytest
 import xarray as xr
 import yaml
 from commands import gravcal
-from invented_store import EVENT, calibration, dataset, model, put
+from invented_store import EVENT, calibration, dataset, model, put, result
 
 from flows import export
 from flows.calibration import model_text
-from gravcal import open as open_event
 from gravcal.errors import ProductError
 from gravcal.store import history, location, product
+from gravcal.store.schemas import VERSION
 
 ROOT = Path(__file__).parent.parent.parent
 
@@ -79,7 +79,7 @@ def test_a_result_says_what_to_cite(satellite, name, monkeypatch):
     found = yaml.safe_load(export.citation(EVENT, "operational", reports))
     monkeypatch.setattr(export.housekeeping, "content", of("measured"))
     measured = yaml.safe_load(export.citation(EVENT, "operational", reports))
-    for one in (found, measured, yaml.safe_load((ROOT / "CITATION.cff").read_text())):
+    for one in (measured, yaml.safe_load((ROOT / "CITATION.cff").read_text())):
         assert {"cff-version", "message", "title", "authors", "type", "references"} <= set(one)
         assert all({"type", "title", "authors"} <= set(reference) for reference in one["references"])
     assert [one["doi"] for one in found["references"]] == ["10.3390/rs14164030"]
@@ -106,11 +106,22 @@ def test_delivered_results_are_a_catalogue_with_links(ask, tmp_path, capsys):
 
 
 @pytest.mark.usefixtures("shop")
-def test_an_event_is_a_tree_with_groups_by_stage_in_memory_and_in_one_file(tmp_path):
-    """Contract: a group a stage, below it its variants; the same when written and opened by xarray alone."""
-    tree = open_event(EVENT)
-    tree.to_netcdf(tmp_path / "event.nc")
-    with xr.open_datatree(tmp_path / "event.nc", decode_times=False) as opened:
-        assert {"/com_offset/align", "/com_offset/solve/mtq", "/com_offset/solve/acc"} <= set(opened.groups)
-        assert opened["com_offset/solve/mtq"].attrs["stage"] == "com_offset.solve.mtq"
-        assert opened["com_offset/align/acceleration_b"].attrs["frame"] == "b"
+def test_a_calibration_has_a_series_and_of_nothing_an_older_page_stays(tmp_path, capsys):
+    """Contract: page and document of the values that are determined; nothing: exit code 3, "no_data", no page."""
+    document = result("grace-c-2021-05-01", [10.0, None, -5.0])
+    put("grace-c-2021-05-01/com_offset.report", dataset(10), files={"result.json": json.dumps(document)})
+    page, path = tmp_path / "deep" / "series.html", tmp_path / "rows.json"
+    how = ("series", "com_offset", "--out", page, "--json", path)
+    assert gravcal(*how) == 0
+    found = json.loads(path.read_text())
+    assert (found["schema_version"], found["status"], found["calibration"]) == (VERSION, "delivered", "com_offset")
+    events = [row["event"] for row in found["rows"] if row["kind"] == "measured"]
+    assert [events.count(one) for one in (EVENT, "grace-c-2021-03-01", "grace-c-2021-05-01")] == [3, 3, 2]
+    assert f"{len(found['rows'])} rows in {page}" in capsys.readouterr().out
+    before = page.read_text()
+    assert EVENT in before
+    assert gravcal(*how, "--satellite", "D") == 3
+    assert "no result of com_offset of D in " in capsys.readouterr().out
+    found = json.loads(path.read_text())
+    assert (found["status"], found["rows"], page.read_text()) == ("no_data", [], before)
+    assert gravcal("series", "com_offset", "--satellite", "X", "--out", page) == 2
