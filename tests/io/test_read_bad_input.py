@@ -141,16 +141,6 @@ def test_flags_that_do_not_fit_and_tags_of_another_time_scale_are_refused_and_on
     assert np.array_equal(damaged["lin_accl_x"], whole["lin_accl_x"])
 
 
-def test_a_day_of_housekeeping_is_not_lost_for_one_receiver_tag(tmp_path):
-    """Contract: AHK1B is in GPS time, with an R here and there; that record is flagged."""
-    columns = {"rcvtime_intg": 738849600 + np.arange(100), "prod_flag": np.ones(100, int), "TFEEU_IF": np.arange(100.0)}
-    path = write(columns | {"rcvtime_frac": np.zeros(100, int)}, tmp_path / "AHK1B_2023-06-01_C_04.txt")
-    _damaged(path, lambda lines: [*lines[:50], lines[50].replace(b" G ", b" R "), *lines[51:]])
-    observed = read(path)
-    assert np.flatnonzero(observed["flag"].values & UNUSABLE).tolist() == [50]
-    assert np.array_equal(observed["TFEEU_IF"], columns["TFEEU_IF"])
-
-
 def test_fractions_in_another_unit_are_refused(tmp_path, acceleration):
     """Contract: nanoseconds where the table says microseconds would move every tag by minutes."""
     path = write(acceleration, tmp_path / "ACC1A_2023-06-01_C_04.txt")
