@@ -139,16 +139,6 @@ def test_an_extra_torque_may_ramp_and_jump():
     assert_allclose(rate_dot[:, 2] * 1e4, [0.5, 3, 3, 0, 0], rtol=1e-13, atol=1e-16)  # rounding
 
 
-def test_without_gradient_the_printed_equation_is_left():
-    """Analytic: gradient_i = None gives the motion of a zero gradient, and leaves about 1 mrad over 180 s."""
-    state, torque, at = physics_references.manoeuvre()
-    zero = replace(torque, gradient_i=np.zeros_like(torque.gradient_i))
-    published, without = (dynamics.integrate(at, state, t)[0] for t in (replace(torque, gradient_i=None), zero))
-    assert_allclose(published, without, atol=1e-15)  # rounding
-    complete = dynamics.integrate(at, state, torque)[0]
-    assert 1e-4 < np.linalg.norm(frames.attitude_error(complete[-1], published[-1])) < 1e-1
-
-
 REST = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
 
 
