@@ -51,11 +51,8 @@ def product(checks: Sequence[Check]) -> xr.Dataset:
 
 def of_product(dataset: xr.Dataset) -> list[Check]:
     """Checks of a product."""
-    columns = [dataset[name].values for name in ("check", "value", "limit", "unit", "passed")]
-    return [
-        Check(str(name), float(value), float(limit), str(unit), bool(passed))
-        for name, value, limit, unit, passed in zip(*columns, strict=True)
-    ]
+    columns = (dataset[name].values.tolist() for name in ("check", "value", "limit", "unit", "passed"))
+    return [Check(*row[:4], bool(row[4])) for row in zip(*columns, strict=True)]
 
 
 def plain(checks: Iterable[Check]) -> list[dict]:

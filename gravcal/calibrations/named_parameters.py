@@ -55,9 +55,8 @@ def agreement(information: np.ndarray, right: np.ndarray) -> tuple[float, int]:
     scale = np.sqrt(np.diag(information.sum(axis=0)))
     scale = np.where(scale > 0, scale, 1.0)
     chi2, dof = 0.0, 0
-    for sign, matrix, side in [(1, *p) for p in zip(information, right, strict=True)] + [
-        (-1, information.sum(axis=0), right.sum(axis=0))
-    ]:
+    parts = [(1, *part) for part in zip(information, right, strict=True)]
+    for sign, matrix, side in [*parts, (-1, information.sum(axis=0), right.sum(axis=0))]:
         size, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
         used = size > 1e-10 * max(size[-1], 1e-300)
         chi2 += sign * np.sum((vectors[:, used].T @ (side / scale)) ** 2 / size[used])

@@ -47,13 +47,10 @@ class Estimate:
         """One line a parameter."""
         units = [*self.unit.split(","), *[self.unit] * len(self.names)]
         rows = zip(self.names, self.value, self.sigma, units, strict=False)
-        lines = [
-            f"{name:>12} {_digits(value, sigma)} {unit.strip()}" if np.isfinite(value) else f"{name:>12} not determined"
-            for name, value, sigma, unit in rows
-        ]
-        return "\n".join(
-            [*lines, f"chi2 {self.chi2:.1f} of {self.dof} degrees of freedom (p = {self.probability:.2g})"]
-        )
+        found = lambda value, sigma, unit: f"{_digits(value, sigma)} {unit.strip()}"  # noqa: E731
+        lines = [f"{n:>12} {found(v, *of) if np.isfinite(v) else 'not determined'}" for n, v, *of in rows]
+        fit = f"chi2 {self.chi2:.1f} of {self.dof} degrees of freedom (p = {self.probability:.2g})"
+        return "\n".join([*lines, fit])
 
 
 def _digits(value, sigma):

@@ -118,10 +118,10 @@ def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: S
     known = [s for s in steps if time[0] < s]  # one before all events is not told from the constant
     error = float(np.median(np.sqrt(np.diag(covariance))))
     scale = max(float(np.ptp(value)), 3 * error)
-    one = _weighed(time, value, covariance, (known, [], scale, {}))
+    one = _weighed(time, value, covariance, known, [], scale, {})
     for name, quantity in (follows or {}).items():
         if np.ptp(quantity) > 0:
-            more = _weighed(time, value, covariance, (known, [], scale, one.follows | {name: quantity}))
+            more = _weighed(time, value, covariance, known, [], scale, one.follows | {name: quantity})
             one = more if more.score > one.score + FOUND else one
     middles = np.array([(a + b) / 2 for a, b in itertools.pairwise(time)])
     while time.size > 3:
@@ -131,7 +131,7 @@ def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: S
         if not free.size or gain.max() < FOUND:
             return one
         at = float(free[np.argmax(gain)])
-        one = _weighed(time, value, covariance, ([*one.steps, at], [*one.found, at], scale, one.follows))
+        one = _weighed(time, value, covariance, [*one.steps, at], [*one.found, at], scale, one.follows)
     return one
 
 
@@ -146,9 +146,8 @@ def _stepped(one, epochs):
     return best + 2 * np.log(np.sum(np.exp((np.array(score) - best) / 2), axis=0))
 
 
-def _weighed(time, value, covariance, about):
+def _weighed(time, value, covariance, steps, found, scale, follows):
     """Motion with the evidence of each size of walk and scatter."""
-    steps, found, scale, follows = about
     odds = (np.append(p, np.full(n, (1 - p) / n)) for p, n in ((STILL, WALKS), (HONEST, SCATTERS.size - 1)))
     prior = np.outer(*odds)
     one = Moving(time, value, covariance, steps, found, scale, np.ones(prior.shape), follows)

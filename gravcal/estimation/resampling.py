@@ -34,11 +34,8 @@ def lowpass_resampler(
     sum, so a constant passes unchanged. Input epochs may jitter; an output whose support holds a gap (a step longer
     than 1.5 median steps), a sample that is not good (n,), or an end of the data is not valid.
     """
-    time_in, time_out, longest = (
-        np.asarray(time_in, float),
-        np.asarray(time_out, float),
-        1.5 * np.median(np.diff(time_in)),
-    )
+    time_in, time_out = np.asarray(time_in, float), np.asarray(time_out, float)
+    longest = 1.5 * np.median(np.diff(time_in))
     count = time_in.size
     width = min(int(np.ceil(3 * half_width_s / longest)) + 2, count)
     begin, end = time_out - half_width_s, time_out + half_width_s

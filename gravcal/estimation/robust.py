@@ -47,14 +47,8 @@ def solve(observed: np.ndarray, design: np.ndarray, constants: tuple[float, floa
         value = value + change
         if change @ normal @ change <= 1e-12 * max(scale, 1e-300) ** 2:
             break
-    return RobustEstimate(value, *_honest(residual, weight, scale, constants, (normal, weighted @ design, unknowns)))
-
-
-def _honest(residual, weight, scale, constants, normals):
-    """Information, weights, scale and the ratio of formal to honest sigma."""
-    normal, weighted, unknowns = normals
     if scale == 0:
-        return normal * np.inf, weight, scale, 1.0
+        return RobustEstimate(value, normal * np.inf, weight, scale, 1.0)
     v, step = residual / scale, 1e-4
     psi = weight * v
     ahead, behind = (w * igg3_weights(w, *constants) for w in (v + step, v - step))
@@ -62,5 +56,5 @@ def _honest(residual, weight, scale, constants, normals):
     share = residual.size / max(residual.size - unknowns, 1)
     variance = scale**2 * np.mean(psi**2) / slope**2 * share
     formal = np.sum(weight * residual**2) / max(residual.size - unknowns, 1)
-    ratio = np.sqrt(formal / variance * np.trace(normal) / max(np.trace(weighted), 1e-300))
-    return normal / variance, weight, scale, float(ratio)
+    ratio = np.sqrt(formal / variance * np.trace(normal) / max(np.trace(weighted @ design), 1e-300))
+    return RobustEstimate(value, normal / variance, weight, scale, float(ratio))

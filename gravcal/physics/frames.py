@@ -38,9 +38,8 @@ def R_bi_from_quaternion(quaternion):
 def quaternion_from_R_bi(R_bi):
     """Quaternion (..., 4), scalar first and not negative, of rotations (..., 3, 3) from inertial to body components."""
     R = check_shape("quaternion_from_R_bi", R_bi, (..., 3, 3))
-    q = scipy.spatial.transform.Rotation.from_matrix(np.swapaxes(R, -1, -2).reshape(-1, 3, 3)).as_quat(
-        canonical=True, scalar_first=True
-    )
+    rotation = scipy.spatial.transform.Rotation.from_matrix(np.swapaxes(R, -1, -2).reshape(-1, 3, 3))
+    q = rotation.as_quat(canonical=True, scalar_first=True)
     return q.reshape(*R.shape[:-2], 4)
 
 

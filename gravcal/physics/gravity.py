@@ -145,10 +145,8 @@ def truncated(field, lowest, highest):
     """The part of a Field between two degrees, both kept."""
     kept = slice(0, min(highest, field.degree) + 1)
     blank = np.arange(field.degree + 1)[kept, None] < lowest
-    parts = [
-        None if part is None else np.where(blank, 0.0, part[kept, kept])
-        for part in (field.cosine, field.sine, field.cosine_sigma, field.sine_sigma)
-    ]
+    parts = field.cosine, field.sine, field.cosine_sigma, field.sine_sigma
+    parts = [None if part is None else np.where(blank, 0.0, part[kept, kept]) for part in parts]
     return Field(field.gm, field.radius, *parts, name=f"{field.name} degrees {lowest} to {highest}")
 
 

@@ -259,11 +259,7 @@ def _star_camera(aligned, origin, stop):
     index = np.clip(np.searchsorted(time, grid - 1e-6), 0, time.size - 1)
     present = inside[index] & (np.abs(time[index] - grid) < 1e-3)
     values = frames.continuous(np.where(present[:, None], quaternion[index], quaternion[inside][0]))
-    return (
-        np.concatenate([[origin], grid]),
-        np.concatenate([values[:1], values]),
-        np.concatenate([[False], present]),
-    )
+    return np.append(origin, grid), np.concatenate([values[:1], values]), np.append(False, present)
 
 
 def field_at(window: Window, fit, time: np.ndarray) -> np.ndarray:
@@ -321,9 +317,8 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
         (i, w, f, t) for i, (w, f, t) in enumerate(zip(found, fits, timings, strict=True)) if f is not None
     ]
     moved = [_motion(w, f, t, aligned, noise, choice) for _, w, f, t in known]
-    empty = {
-        name: np.zeros((0, 3)) for name in ("rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b")
-    }
+    names = ("rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b")
+    empty = dict.fromkeys(names, np.zeros((0, 3)))
     empty |= {"time_acc": np.zeros(0), "gradient_b": np.zeros((0, 3, 3)), "sca_modes": np.zeros((6, 0, 3))}
     values = {
         name: np.concatenate([none, *(one[name] for one in moved)], axis=int(name == "sca_modes"))
@@ -368,10 +363,8 @@ def _fit_timing(found, fits, aligned, filters, degree, order):
     good = (aligned["acc_flag"].values == 0) & np.isfinite(angular).all(axis=1)
     noise, timings = [NoiseModel(np.zeros(0), np.array([1e-16]), 0.5)] * 3, []
     for _ in range(2):
-        timings = [
-            _timing(w, f, time[w.acc], angular[w.acc], good[w.acc], noise, filters, degree)
-            for w, f in zip(found, fits, strict=True)
-        ]
+        read = [(time[w.acc], angular[w.acc], good[w.acc], noise, filters, degree) for w in found]
+        timings = [_timing(w, f, *one) for w, f, one in zip(found, fits, read, strict=True)]
         residuals = [t.residual for t in timings if t is not None]
         if not residuals:
             break
@@ -386,9 +379,8 @@ def _timing(window, fit, time, angular, good, noise, filters, degree):
         return None
     arc, shift = window.arc, fit.solution.shift
     field_b, width = field_at(window, fit, time), float(np.median(np.diff(time)))
-    operator = operator_for(
-        time, good, max(arc.edges[0] + shift, time[0]), min(arc.edges[-1] + shift, time[-1]), **filters
-    )
+    ends = max(arc.edges[0] + shift, time[0]), min(arc.edges[-1] + shift, time[-1])
+    operator = operator_for(time, good, *ends, **filters)
     if operator.valid.sum() < 40:
         return None
 
@@ -507,9 +499,8 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
     prior = np.repeat([weight for _, weight in unknowns.values()], [size for size, _ in unknowns.values()])
     previous, slow = np.inf, None
     for _ in range(max(choice.iterations, 1)):
-        modelled, _, _, sensitivity = dynamics.integrate_with_sensitivity(
-            window.time, solution.state, torque_of(arc, solution), max_step=choice.step_s
-        )
+        given = window.time, solution.state, torque_of(arc, solution)
+        modelled, _, _, sensitivity = dynamics.integrate_with_sensitivity(*given, max_step=choice.step_s)
         residual, columns = frames.attitude_error(window.quaternion, modelled), [sensitivity[:, :3, :6]]
         if choice.torque_degree >= 0:  # the response to the slow torque stays as it is
             if slow is None:
@@ -676,9 +667,8 @@ def fit_star_camera_wave(window: Window, fit: Fit, noise: list[NoiseModel], degr
     their covariance, ordered (shape, axis).
     """
     arc, rod, solution = window.arc, window.rod, fit.solution
-    _, _, _, sensitivity = dynamics.integrate_with_sensitivity(
-        window.time, solution.state, torque_of(arc, solution), max_step=1.0
-    )
+    given = window.time, solution.state, torque_of(arc, solution)
+    _, _, _, sensitivity = dynamics.integrate_with_sensitivity(*given, max_step=1.0)
     transition = sensitivity[:, :, :6]
 
     def basis(at):

@@ -35,6 +35,7 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
     derivative, pull = _orbit(time, position, velocity)
     height = 1e-3 * (np.linalg.norm(position, axis=1) - EARTH_RADIUS)
     pointing = _pointing(aligned, time, position, velocity)
+    apart = _misfit(*_apart(others, aligned, time, position), piece)
     used = checked["used"].values.astype(bool)
     field = checked["time_mag"].values[used], 1e9 * np.linalg.norm(checked["difference_b"].values[used], axis=1)
     outliers = [float(np.mean(aligned[f"{name}_flag"].values == OUTLIER)) for name in REACH]
@@ -47,9 +48,7 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
     found = [
         at_most("position against velocity", _misfit(*derivative, piece), limits["velocity_limit_m_s"], "m s-1"),
         at_most("velocity against gravity", _misfit(*pull, piece), limits["gravity_limit_m_s2"], "m s-2"),
-        at_most(
-            "orbit products", _misfit(*_apart(others, aligned, time, position), piece), limits["orbit_limit_m"], "m"
-        ),
+        at_most("orbit products", apart, limits["orbit_limit_m"], "m"),
         at_least("lowest height", -_misfit(time, -height, piece), limits["height_lowest_km"], "km"),
         at_most("greatest height", _misfit(time, height, piece), limits["height_greatest_km"], "km"),
         at_most("attitude against orbit", _misfit(*pointing, piece), limits["pointing_limit_deg"], "deg"),

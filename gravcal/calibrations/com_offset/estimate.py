@@ -95,10 +95,8 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
     if not noise:
         noise = _residual_noise(blocks, settings)
     level = measured["level"].values
-    whitened = [
-        _whitened(b, [m.louder(f) for m, f in zip(noise, row, strict=True)])
-        for b, row in zip(blocks, level, strict=True)
-    ]
+    louder = [[m.louder(f) for m, f in zip(noise, row, strict=True)] for row in level]
+    whitened = [_whitened(block, own) for block, own in zip(blocks, louder, strict=True)]
     scores = [None if w is None else w["score"] for w in whitened]
     values = _values(blocks, whitened, scores, _joint_offset(scores), resampled.sizes["mode_index"])
     density = np.array([n.density(FREQUENCY) for n in noise]) if noise else np.full((3, FREQUENCY.size), np.nan)

@@ -416,10 +416,8 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
             pieces.append(operator(piece - piece[len(piece) // 2]))
             epochs.append(operator.time)
         cleaned, _ = without_lines(pieces, settings["step_s"]) if pieces else ([], None)
-        drifts, orders = (
-            _drifts(cleaned, settings[f"{channel}_drift_degree"]),
-            (settings["noise_order"], settings["step_s"]),
-        )
+        drifts = _drifts(cleaned, settings[f"{channel}_drift_degree"])
+        orders = settings["noise_order"], settings["step_s"]
         models[channel] = _measured(cleaned, drifts, orders, nearest(aligned, epochs), count)
         samples[channel] = float(sum(np.isfinite(p[:, 0]).sum() for p in pieces))
     sampled = [(t, v, valid) for t, v, valid in (at_one_hertz(field_, *span) for span in spans) if valid.sum() >= 60]

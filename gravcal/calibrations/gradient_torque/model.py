@@ -433,10 +433,8 @@ def _readings(sensor, motion):
     block[:3, 8:11] = cross_matrix(sensor.place)
     block[3:6, 3:8] = free_mass_angular_acceleration(sensor.test_mass_inertia, ELEMENTS, np.zeros(3)).T
     block[3:6, 8:11] = -np.eye(3)
-    block[6:, :3], block[6:, 3:8] = (
-        -sensor.mass * cross_matrix(sensor.pressure),
-        -gravity_gradient_torque(J, ELEMENTS).T,
-    )
+    block[6:, :3] = -sensor.mass * cross_matrix(sensor.pressure)
+    block[6:, 3:8] = -gravity_gradient_torque(J, ELEMENTS).T
     block[6:, 8:11], block[6:, 11:14] = J, -np.eye(3)
     rows = np.zeros((count, 9, 14 * count + 6))
     for k in range(count):

@@ -50,14 +50,9 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
         "kbr_flag": (flag != 0) | ((quality & GAP) == GAP) | ~np.isfinite(values[:, :6]).all(axis=1),
         "segment": np.cumsum(phase_break),
     }
-    return build(
-        SCHEMAS["align"],
-        aligned,
-        title="Ranging, orbits and attitudes on GPS time",
-        satellites="".join(camera.attrs["satellite"] for camera in cameras),
-        ranging=kbr.attrs.get("product", ""),
-        orbit=orbits[0].attrs.get("product", ""),
-    )
+    attrs = {"satellites": "".join(camera.attrs["satellite"] for camera in cameras)}
+    attrs |= {"ranging": kbr.attrs.get("product", ""), "orbit": orbits[0].attrs.get("product", "")}
+    return build(SCHEMAS["align"], aligned, title="Ranging, orbits and attitudes on GPS time", **attrs)
 
 
 def _joined(observed):

@@ -39,12 +39,9 @@ def of_inputs(
         at_least("height, smallest", 1e-3 * np.nanmin(radius), limits["height_minimum_km"], "km"),
         at_most("height, largest", 1e-3 * np.nanmax(radius), limits["height_maximum_km"], "km"),
     ]
-    tags = [
-        "ranging",
-        *(f"{one} {letter}" for one in ("star camera", "orbit") for letter in pointed.attrs["satellites"]),
-    ]
-    late = np.abs(late_of_pair(aligned, pointed))
-    found += [at_most(f"tags of {n}, late", s, limits["late_limit_s"], "s") for n, s in zip(tags, late, strict=True)]
+    tags = [f"{one} {letter}" for one in ("star camera", "orbit") for letter in pointed.attrs["satellites"]]
+    late = zip(["ranging", *tags], np.abs(late_of_pair(aligned, pointed)), strict=True)
+    found += [at_most(f"tags of {name}, late", size, limits["late_limit_s"], "s") for name, size in late]
     found += _of_pointing(aligned, pointed, limits) + _of_ranging(ranges, rates, nominal, limits)
     given = aligned["antenna_correction"].values
     if np.nanmax(np.abs(given), initial=0.0) > 0.1:

@@ -69,9 +69,8 @@ def estimate(
     time, line = np.asarray(time, dtype=float), np.asarray(line_of_sight_b, dtype=float)
     columns = -line.reshape(len(line), 1, 6)
     drift = least_squares.polynomial(time, drift_degree, time[0], time[-1])
-    return estimating.estimate(
-        np.asarray(range_less_orbit, dtype=float)[:, None], columns, [noise], drift, PARAMETERS, "m"
-    )
+    observed = np.asarray(range_less_orbit, dtype=float)[:, None]
+    return estimating.estimate(observed, columns, [noise], drift, PARAMETERS, "m")
 
 
 @dataclass(frozen=True)
@@ -118,14 +117,9 @@ def solve(
     values |= _by_manoeuvre(equations, parts, numbers, joint, values["sigma0"][0, 0])
     values |= _series(equations, parts, centre, derivative, orbit_degree)
     values |= {name: equations[name].values for name in MANOEUVRE}
-    return build(
-        schema_of("solve", variant),
-        values,
-        title=f"Phase centres from {variant}",
-        observable=variant,
-        method=method,
-        **{n: equations.attrs[n] for n in ("unit", "satellites", "ranging")},
-    )
+    attrs = {"title": f"Phase centres from {variant}", "observable": variant, "method": method}
+    attrs |= {n: equations.attrs[n] for n in ("unit", "satellites", "ranging")}
+    return build(schema_of("solve", variant), values, **attrs)
 
 
 def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: int, highest_hz: float) -> list[Arc]:
@@ -300,15 +294,10 @@ def combine(
     values["shift"] = values["centre"][:, :, 0] - values["centre"][:, :1, 0]
     values["predicted_shift"] = predicted_shift(values["shift"], np.radians(offset_deg))
     values |= {name: solved[0][name].values for name in MANOEUVRE}
-    return build(
-        SCHEMAS["combine"],
-        values,
-        title="Phase centres from all observables",
-        adopted_observable=adopted_observable,
-        adopted_estimator=adopted_estimator,
-        observables=" ".join(one.attrs["observable"] for one in solved),
-        **{n: solved[0].attrs[n] for n in ("satellites", "ranging", "method")},
-    )
+    attrs = {"adopted_observable": adopted_observable, "adopted_estimator": adopted_estimator}
+    attrs |= {"observables": " ".join(one.attrs["observable"] for one in solved)}
+    attrs |= {n: solved[0].attrs[n] for n in ("satellites", "ranging", "method")}
+    return build(SCHEMAS["combine"], values, title="Phase centres from all observables", **attrs)
 
 
 def with_model_error(

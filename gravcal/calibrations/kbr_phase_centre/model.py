@@ -1,5 +1,6 @@
 """Line of sight in both satellites: pointing angles, wiggles, the antenna correction, observation equations."""
 
+import itertools
 from dataclasses import astuple, dataclass, fields
 
 import numpy as np
@@ -59,12 +60,8 @@ def pointing(
     if given:
         found = [measured(time, angle, *one, period_s) for one in given]
     else:
-        found = [
-            one
-            for k in (0, 1)
-            for axis in (0, 1)
-            for one in wiggles(time, angle[k, :, axis], k, axis, period_s, *limits)
-        ]
+        each = (wiggles(time, angle[k, :, axis], k, axis, period_s, *limits) for k in (0, 1) for axis in (0, 1))
+        found = list(itertools.chain.from_iterable(each))
     found.sort(key=lambda one: one.start)
     names = [field.name for field in fields(Wiggle)]
     values = dict(zip(names, np.array([astuple(one) for one in found]).reshape(-1, len(names)).T, strict=True))
@@ -231,14 +228,10 @@ def observable(
         "segment": aligned["segment"].values,
     }
     values = {name: column[valid] for name, column in values.items()}
-    return build(
-        schema_of("observable", variant),
-        values | {n: pointed[n].values for n in MANOEUVRE},
-        title=f"Observation equations of {variant}",
-        observable=variant,
-        unit=UNITS[derivative],
-        **{n: pointed.attrs[n] for n in ("satellites", "ranging", "orbit")},
-    )
+    values |= {name: pointed[name].values for name in MANOEUVRE}
+    attrs = {"title": f"Observation equations of {variant}", "observable": variant, "unit": UNITS[derivative]}
+    attrs |= {n: pointed.attrs[n] for n in ("satellites", "ranging", "orbit")}
+    return build(schema_of("observable", variant), values, **attrs)
 
 
 def arcs(time: np.ndarray, spans: np.ndarray, trim: float, margin: float) -> np.ndarray:

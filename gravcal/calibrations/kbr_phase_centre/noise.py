@@ -202,9 +202,8 @@ def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> tuple[list[tuple[
         return [], np.full(6, np.nan)
     y, A = np.concatenate([d[:, 0] for d in detrended]), np.concatenate([d[:, 1:] for d in detrended])
     centre = least_squares.stable_inverse(A.T @ A) @ (A.T @ y)
-    residual = [
-        on_even_grid(time[i], step, d[:, 0] - d[:, 1:] @ centre) for i, d in zip(indices, detrended, strict=True)
-    ]
+    parts = zip(indices, detrended, strict=True)
+    residual = [on_even_grid(time[i], step, d[:, 0] - d[:, 1:] @ centre) for i, d in parts]
     arms = [np.nan_to_num(on_even_grid(time[index], step, lever[index, 0])) for index in indices]
     return list(zip(residual, arms, strict=True)), centre
 

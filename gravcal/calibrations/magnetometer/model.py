@@ -59,14 +59,8 @@ def align(
         inside = (time >= max(sca_time[0], orbit_time[0])) & (time <= min(sca_time[-1], orbit_time[-1]))
     if inside.sum() < LEAST:
         found, remedy = f"{inside.sum()} records with attitude and orbit", "Give files of the same minutes."
-        refuse(
-            mag.attrs.get("file", "MAG1B"),
-            found,
-            f"at least {LEAST}",
-            remedy,
-            EstimationError,
-            records=int(inside.sum()),
-        )
+        file, count = mag.attrs.get("file", "MAG1B"), int(inside.sum())
+        refuse(file, found, f"at least {LEAST}", remedy, EstimationError, records=count)
     time, values = time[inside], values[inside]
     quaternion = frames.continuous(quaternion)
     field_at = body_field(orbit_time, state[:, :3], sca_time, quaternion, igrf_generation)
@@ -150,10 +144,7 @@ def shear(field: Field) -> np.ndarray:
     """
     x, y, z = field.model_b.T
     nothing = np.zeros_like(x)
-    return np.stack(
-        [np.stack([y, x, nothing], axis=1), np.stack([z, nothing, x], axis=1), np.stack([nothing, z, y], axis=1)],
-        axis=2,
-    )
+    return np.stack([np.stack(one, axis=1) for one in ((y, x, nothing), (z, nothing, x), (nothing, z, y))], axis=2)
 
 
 def noise(field: Field, step: float, columns: list[np.ndarray], order: int, floor: float) -> list[NoiseModel]:

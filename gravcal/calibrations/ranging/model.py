@@ -116,10 +116,8 @@ def smoothed(line_b: np.ndarray, frequency: np.ndarray, gain: np.ndarray) -> np.
     """Lines of sight (2, n, 3) as they are expected to be, given those measured; arguments as of `pointing_gain`."""
     made = line_b.copy()
     for k, axis in np.ndindex(2, 2):
-        own = gain[k, axis]
-        made[k, :, 1 + axis] = filtered(
-            line_b[k, :, 1 + axis], 1.0, lambda f, g=own: np.interp(f, frequency, g, left=1)
-        )
+        share = lambda f, own=gain[k, axis]: np.interp(f, frequency, own, left=1)  # noqa: E731
+        made[k, :, 1 + axis] = filtered(line_b[k, :, 1 + axis], 1.0, share)
     made[..., 0] = np.sqrt(1 - np.sum(made[..., 1:] ** 2, axis=-1))
     return made
 

@@ -151,13 +151,11 @@ def check(aligned: xr.Dataset, found: xr.Dataset, **limits: float) -> xr.Dataset
     jump = checks.attitude_jump(aligned["time"].values, aligned["quaternion"].values)
     ratio, inflated = found["gain"] / max(float(found["shifted_gain"].max()), 1.0), found["inflation"]
     _, angle, rate = model.off_the_orbit(aligned)
-    apart = abs(np.median(angle / rate))
+    apart, error = abs(np.median(angle / rate)), aligned["velocity_error"]
     made = [
         at_most("tags of the attitude against the orbit", apart, limits["camera_limit_s"], "s"),
         at_most("jump of the attitude", jump, limits["jump_limit_rad"], "rad"),
-        at_most(
-            "velocity against change of position", aligned["velocity_error"], limits["velocity_limit_m_s"], "m s-1"
-        ),
+        at_most("velocity against change of position", error, limits["velocity_limit_m_s"], "m s-1"),
         at_least("firings in the record", int(found["firings"]), 1, "1"),
         at_least("chi-square gained by the firings over the most at wrong times", ratio, 1.0, "1"),
         at_most("variance of the day over that of its quiet stretches", inflated, limits["inflation_limit"], "1"),

@@ -184,9 +184,8 @@ def _solved(ranges, every, axes_b, block_s):
     """Bias, then noise, of all blocks of some ranges, their covariance; disagreement of the ranges about the bias."""
     if not ranges:
         return np.zeros(0), np.zeros((0, 0)), 0.0, 0
-    (slow, slow_covariance), (fast, fast_covariance) = (
-        densities([one for part in ranges for one in part], band, every, axes_b) for band in range(len(BANDS_HZ))
-    )
+    whole = [one for part in ranges for one in part]
+    (slow, slow_covariance), (fast, fast_covariance) = (densities(whole, band, every, axes_b) for band in (0, 1))
     count, square, freedom = 3 * len(every) - 3, 0.0, -3 * len(every) + 3
     information, right = np.zeros((len(ranges), count, count)), np.zeros((len(ranges), count))
     for k, part in enumerate(ranges):
