@@ -162,7 +162,7 @@ def run(calibration, event, data, satellite, date, settings, model, as_, json, e
 
 @command_of(app)
 def plan(calibration, event, data, satellite, date, settings, model, as_, every, json) -> None:
-    """Say what a run or campaign would make again, why and how long; without EVENT or folder for the catalogue."""
+    """Say what a run or campaign would make again, why and how long; without EVENT or folder for all of the store."""
     chosen = command.chosen(calibration, settings, model, as_)
     sources = command.sources(calibration, event, data, satellite, date)
     output.plan(command.plan(calibration, sources, chosen), json, every)

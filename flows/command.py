@@ -3,7 +3,7 @@
 import difflib
 import functools
 import shutil
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from datetime import date, timedelta
 from pathlib import Path
 
@@ -131,21 +131,28 @@ def plan(calibration, sources, chosen):
 
 
 def sources(calibration, event, data, satellite, date):
-    """The source given, or those that a campaign of a folder or of the catalogue takes."""
+    """The source given, those of a folder of many days, or of all events of the store whose files are known."""
     if event is not None or data is not None:
         try:
             return [source(calibration, event, data, satellite, date)]
         except ProductError:
             if date is not None or data is None or not data.is_dir() or len(record(calibration).days(data)) < 2:
                 raise
-    found = many_sources(calibration, satellite, data)
-    kept = [one for one in found if not isinstance(one, Refused)]
-    if not kept:
-        refuse(calibration, f"no files of any of {len(found)} events", "some", "Give an EVENT or --data DIR.")
-    for one in found:
-        if isinstance(one, Refused):
+        found = many_sources(calibration, satellite, data)
+        for one in (one for one in found if isinstance(one, Refused)):
             engine.warn(f"{one.event} left out: {one.error}")
-    return kept
+        return [one for one in found if not isinstance(one, Refused)]
+    one, made = record(calibration), []
+    found = history.level_one_folders(calibration)
+    if not found:
+        where, found = f"product store {location.folder()}", f"no event of {calibration} that was ever run"
+        refuse(where, found, "one", "Give an EVENT or --data DIR.")
+    for event_, folder, letters, day in found:
+        try:
+            made.append(replace(one.source(data=folder, satellite=letters, date=day), event=event_))
+        except GravcalError as error:  # its files are no more
+            engine.warn(f"{event_} left out: {error}")
+    return made
 
 
 @dataclass(frozen=True)

@@ -13,6 +13,7 @@ import datetime
 import os
 import statistics
 import time
+from pathlib import Path
 
 from gravcal.errors import GravcalError, NoDataError
 from gravcal.store import configurations, keys, location, store
@@ -22,6 +23,7 @@ REMAKE = "GRAVCAL_REMAKE_VERSIONS"  # "1": products that other versions of these
 NUMERICAL = ("numpy", "scipy", "numba")
 SEEN = 25  # events whose times say what a stage takes
 MOVED = "moved_"  # variant of records without a model that was moved by its error
+AUXILIARY = ("GFC", "TRUTH")  # files that are read beside the Level-1 files of an event
 
 
 def why(recipe, modules):
@@ -185,6 +187,28 @@ def raw_files(key):
     records = filter(None, store.ancestry(key).values())
     pairs = [pair for record in records for pair in store.inputs(record) if "path" in pair[0]]
     return list({(part["path"], part["member"]): part | label for part, label in pairs}.values())
+
+
+def level_one_folders(calibration):
+    """Where the files were from which the events of the store were made: (event, Path, satellite, date) of each.
+
+    The date is None for an event of several days.
+    """
+    made, sources, latest = {}, [], location.folder() / "latest"
+    for link, folder in (*store.links(f"*/{calibration}.*"), *store.links(f"*/as/*/{calibration}.*")):
+        made.setdefault(link.relative_to(latest).parts[0], []).append((link.name, folder.name))
+    for event, products in made.items():
+        reports = [key for stage, key in products if stage.endswith(".report")]
+        if not reports and last_run(event, calibration) is None:  # another calibration uses some of its stages
+            continue
+        files = [one for key in reports or [key for _, key in products] for one in raw_files(key)]
+        files = [one for one in files if one["product"] not in AUXILIARY]
+        if files:
+            folder = Path(os.path.commonpath([Path(one["path"]).parent for one in files]))
+            dates = sorted({one["date"] for one in files})
+            letters = sorted({one["satellite"] for one in files} - set("XY")) or [files[0]["satellite"]]
+            sources.append((event, folder, letters[0], dates[0] if len(dates) == 1 else None))
+    return sources
 
 
 @contextlib.contextmanager
