@@ -164,19 +164,6 @@ def test_an_orbit_of_another_time_is_named_and_nothing_else(made):
     assert abs(one["parameters"]["delay"]["value"] - 137) < one["parameters"]["delay"]["sigma"] < 20
 
 
-def test_two_orbit_products_are_compared_where_both_are(made):
-    """Analytic: the other product 150 m away; with one product there is no such check."""
-    observed, products = made
-    orbit = observed["GNI1B"]
-    other = orbit.assign(xpos=orbit["xpos"] + 150.0)
-    three = [products[stage] for stage in ("align", "field", "attitude")]
-    alone, both = (checking.of_product(checks.inputs(*three, *given, **LIMITS)) for given in ((), (other,)))
-    assert "orbit products" not in {one.name for one in alone}
-    (found,) = [one for one in both if one.name == "orbit products"]
-    assert found.value == pytest.approx(150.0, rel=1e-6)
-    assert not found.passed
-
-
 @pytest.mark.parametrize("value", [0.0, 1e-6])
 def test_a_dead_channel_is_an_error(made, value):
     """Contract: a linear channel that never moves has no noise to weigh it with; no division by zero, no result."""
