@@ -150,7 +150,6 @@ def test_records_shifted_against_each_other_are_questionable(tmp_path, name, lat
     writers.write(columns | {tags: columns[tags] + late}, path)
     document, _ = commands.run("magnetometer", tmp_path)
     assert document["status"] == "questionable"
-    assert document["origin"] == "simulated"
     found = {one["name"]: one["value"] for one in document["checks"] if not one["passed"]}
     assert set(failed) <= set(found)
     for check, value in failed.items():

@@ -214,17 +214,6 @@ def test_an_elongated_test_mass_is_modelled():
     assert float(wrong["attitude_chi2"][0] / wrong["attitude_dof"][0]) > 1.5
 
 
-def test_a_moved_mounting_shows_in_both_methods():
-    """Recovery: the effect's contribution is what the drag is off by."""
-    methods = "two_sensor", "one_sensor"
-    _, truth, _, plain = solved_day()
-    found = solve(fly(1, {"gradient.mounting.z": 1e-3})[0], methods)[1]
-    tensor = offset_tensor(truth["rate"], truth["rate_dot"], truth["gradient"])
-    for name in methods:
-        change = found[name]["drag_b"].values - plain[name]["drag_b"].values
-        assert_allclose(change, tensor @ [0, 0, 1e-3], rtol=0, atol=1e-15)
-
-
 def test_the_gravity_prior_is_what_the_elements_say():
     """Recovery: 40,000 tensors drawn element by element; covariance of dG r to 3 % of its largest element."""
     rng = np.random.default_rng(5)

@@ -8,10 +8,9 @@ from commands import causes
 from independent.damage import late, netcdf
 from seeds import ALARM, MISSED, clean, enough
 
-RNG_LEVEL = 1e-4 + 2 * ALARM + 5 * MISSED  # of all its draws, see seeds.py
+RNG_LEVEL = 1e-4 + 2 * ALARM + 4 * MISSED  # of all its draws, see seeds.py
 
-#: A time within the swing of the simulated day, and the begin of a roll without a swing the day before, s GPS.
-MIDDLE, BEGIN = 706111700.0, 706104000.0
+MIDDLE = 706111700.0  # s GPS, within the swing of the simulated day
 STEP, TONE, DRIFT = "accelerometer.bias_step", "accelerometer.stray_tone", "inertial_sensor.bias_drift"
 #: Seven segments; a drift is told from wander in the eleven of the catalogue.
 SHORT = {"roll_s": "17500"}
@@ -110,19 +109,6 @@ def step_in_a_swing(seed, folder):
     return np.linalg.norm(error[1]) < np.linalg.norm(error[0]) and np.abs(error[1]).max() < 4
 
 
-def step_in_a_roll(seed, folder):
-    """A step of 30 nm s-2 in mid roll moves the bias by half of it; with its model by less than a tenth."""
-    hidden = {"z": 3e-8, "time": BEGIN + 3 * 2500.0 + 1300.0}
-    _, document, _ = discovered(folder, seed, {STEP: hidden}, manoeuvre="roll")
-    if causes(document) != [STEP] or far(document["findings"][0], hidden):
-        return False
-    bias = [calibrated(folder, *options, part="roll")["bias"]["value"][2] for options in ((), extended(folder))]
-    clean = folder / "clean"
-    commands.simulated("inertial_sensor", clean / "level1", seed, **(SHORT | {"manoeuvre": "roll"}))
-    before, after = np.abs(np.array(bias) - calibrated(clean, part="roll")["bias"]["value"][2])
-    return before > 1e-8 and after < 0.1 * before
-
-
 def drift_beside_a_swing(seed, folder):
     """1e-12 m s-3 is told from wander; with its model the segments scatter less than a quarter of before."""
     hidden, scatter = {DRIFT: {"z": 1e-12}}, []
@@ -141,7 +127,7 @@ def drift_beside_a_swing(seed, folder):
     return scatter[1] < scatter[0] / 4 and not far(document["findings"][0], hidden[DRIFT])
 
 
-@pytest.mark.parametrize("case", [step_in_a_swing, step_in_a_roll, drift_beside_a_swing])
+@pytest.mark.parametrize("case", [step_in_a_swing, drift_beside_a_swing])
 def test_a_model_takes_its_effect_out(rng, tmp_path, case):
     """Recovery: what was found alone brings the result back; see the cases."""
     enough(lambda seed, folder: None if case(seed, folder) else f"seed {seed}", rng, tmp_path)

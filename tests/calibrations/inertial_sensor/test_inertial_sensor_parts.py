@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from gravcal import catalog
 from gravcal.calibrations.inertial_sensor import align, bias, responses
-from gravcal.calibrations.inertial_sensor.estimate import Record, factor_y, linear_factors, published_offset_matrix
+from gravcal.calibrations.inertial_sensor.estimate import Record, factor_y, published_offset_matrix
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.estimation import noise
 from gravcal.estimation.noise import coloured
@@ -120,17 +120,6 @@ def test_correlated_noise_widens_the_error_of_a_segment():
     assert_allclose(bias.redness(white, 10.0), 1.0, atol=0.05)
 
 
-def test_both_arms_are_carried():
-    """Analytic: k_z by 8.00 mm is 10.45/8.00 of the other, k_x and k_y do not move, k_y keeps its ground error."""
-    geometry = {"mass": 0.072, "inertia": [1.944e-5, 1.0328e-5, 1.0328e-5], "arm": [8e-3, 10.45e-3, 10.45e-3]}
-    geometry |= {"mass_sigma": 0.0022, "inertia_sigma": [2.4e-7, 1.3e-7, 1.3e-7], "arm_sigma": [5e-6] * 3}
-    beta, sigma = np.array([4.42e-3, 4.08e-2, 4.08e-2]), np.array([1e-5, 1e-4, 1e-4])
-    found = linear_factors(beta, sigma, geometry, (2.7e-4, 3e-5), printed=False)
-    assert_allclose(found["k"][0] / found["k"][1], [1, 1, 10.45 / 8.0], rtol=1e-12)
-    assert_allclose(found["k_sigma"][1, 2] / found["k"][1, 2], sigma[0] / beta[0], rtol=1e-12)  # T-6: unchanged
-    assert_allclose(found["k_sigma"][1, 1], 3e-5, rtol=1e-12)
-
-
 def test_the_error_of_a_model_is_in_the_bias_of_a_roll():
     """Analytic: moves add in squares; what one of them leaves undetermined does not move."""
 
@@ -210,38 +199,12 @@ def test_a_swing_shows_the_factor_of_y(moving):
         assert not 0 < total < found / 3
 
 
-SETTINGS = {"manoeuvre": "swing", "quiet_s": 60.0, "swing_s": 60.0}
-START = 706104000.0
-
-
-def record(effects=None):
-    """Record of a swing with effects, and its truth."""
-    chosen = catalog.parameters("simulate_inertial_sensor").with_settings(SETTINGS)
-    spans, truth = simulation.simulate(catalog.satellite("T").settings(), chosen, START, 3, by_slug(effects or {}))
-    return next(spans), truth
-
-
-@pytest.fixture(scope="module")
-def plain():
-    """The same swing without effects."""
-    return record()[0]
-
-
-@pytest.mark.parametrize(("name", "size"), [("bias_drift.x", 1e-12), ("quadratic.x", 2e-4)])
-def test_linear_effects_stand_in_the_voltages(plain, name, size):
-    """Analytic: with the same noise drift times time over k; q V^2 of four electrodes, with V of bias over four k."""
-    found, truth = record({f"inertial_sensor.{name}": size})
-    before, after = (electrodes.readouts(one["IS1"]["volts"])[:, 0] for one in (plain, found))
-    moved = (after - before) * truth["k"][0]
-    if name == "bias_drift.x":
-        assert_allclose(moved, size * (found["IS1"]["time"] - START), atol=1e-18)  # rounding of 0.5 V
-        assert truth["effects"] == {"inertial_sensor.bias_drift": {"x": size}}
-    else:
-        assert_allclose(moved, size * truth["bias"][0] ** 2 / truth["k"][0] / 4, rtol=1e-2)  # modulation
-
-
-def test_a_turned_tracker_shows_a_turned_attitude(plain):
-    """Analytic: constant small rotation from one attitude to the other."""
-    found, _ = record({"inertial_sensor.tracker_misalignment.angle_z": 1e-3})
-    turn = frames.attitude_error(found["ATT"]["quaternion"], plain["ATT"]["quaternion"])
-    assert_allclose(turn, np.broadcast_to([0, 0, 1e-3], turn.shape), atol=1e-7)  # second order in the noise
+def test_a_quadratic_effect_stands_in_the_voltages():
+    """Analytic: with the same noise q V^2 of four electrodes, with V of bias over four k."""
+    settings = {"manoeuvre": "swing", "quiet_s": 60.0, "swing_s": 60.0}
+    how = catalog.satellite("T").settings(), catalog.parameters("simulate_inertial_sensor").with_settings(settings)
+    hidden = [by_slug(one) for one in ({}, {"inertial_sensor.quadratic.x": 2e-4})]
+    made = [simulation.simulate(*how, 706104000.0, 3, effects) for effects in hidden]
+    before, after = (electrodes.readouts(next(spans)["IS1"]["volts"])[:, 0] for spans, _ in made)
+    moved, truth = after - before, made[0][1]
+    assert_allclose(moved, 2e-4 * truth["bias"][0] ** 2 / truth["k"][0] ** 2 / 4, rtol=1e-2)  # modulation
