@@ -23,6 +23,16 @@ _PLACE = axes("", "m", "distance of both test masses from their place along", 1e
 law("gradient.mounting", "linear_each_b", _PLACE, SOURCE)(
     lambda context, values: _each(context, np.matvec(tensor(context), values))
 )
+_APART = axes("", "m", "distance from the second test mass to the first beyond what is stated, along", 1e-3)
+
+
+@law("gradient.separation", "linear_each_b", _APART, SOURCE)
+def _separation(context: Context, values):
+    """Two sensors that are further apart than stated, half of it in each."""
+    share = np.array([0.5, -0.5]) if len(context.extra["positions"]) == 2 else np.zeros(1)
+    return share[:, None] * np.matvec(tensor(context), values)[:, None]
+
+
 _SHARE = (Parameter("scale", "1", "relative excess of the gravity gradient", 1e-3),)
 
 

@@ -23,6 +23,7 @@ LISTED = {
     "gradient.field_scale": {"scale": 0.03},
     # 17 sigma of the noise of the sensors, whatever the motion of the day: a millionth of gravity is no noise
     "gradient.field_scale, small": {"scale": 5e-6},
+    "gradient.separation": {"y": 2e-3},  # 28 times the stated error of the places
     "gradient.tesseral": {"cosine": 1e-4},
     "attitude.star_camera_misalignment": {"angle_z": 2e-3},
 }
