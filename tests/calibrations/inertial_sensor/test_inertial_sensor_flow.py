@@ -277,6 +277,8 @@ def test_the_adopted_offset_has_the_smallest_total_error(tmp_path):
     assert {k: adopted[k] for k in ("value", "sigma", "sigma_total")} == swing[adopted["solution"]]
     text = document["verdict"]["text"]
     assert f"{adopted['value'][2]:.0f} +- {adopted['sigma_total'][2]:.0f} um (without a_y)" in text
+    share = 100 * adopted["sigma_total"][2] / abs(adopted["value"][2])
+    assert f"offset in y and z {share:.1f} % (not met, 3 %)" in text
     assert f"+- {document['roll']['bias']['sigma_total'][0]:.0e}, b_z" in text
 
 
