@@ -120,20 +120,6 @@ def test_records_shifted_against_each_other_name_their_delay(day, tmp_path, prod
     assert "accelerometer: tags of firings against readings" in failed
     true = day[1]["delay"] + (late if product == "THR1B" else -late)
     assert found["parameters"]["accelerometer_delay"]["value"] == pytest.approx(true, abs=0.01)
-    if product == "THR1B":
-        found, _ = commands.run("routine", tmp_path, discovery=True)
-        own = {one["cause"]: one["parameters"] for one in found["findings"] if one["part"] == "accelerometer"}
-        assert set(own) <= {"timing.thruster_delay", observations.FIRINGS, accelerometer.FORCE, accelerometer.TORQUE}
-        assert own["timing.thruster_delay"]["delay"]["value"] == pytest.approx(true, abs=0.05)
-
-
-def test_a_share_of_a_step_is_that_of_its_samples(day):
-    """Analytic: samples 0.09999 s apart drift through the steps; shares of all steps add up to the time on."""
-    records = aligned(day[0])
-    share = accelerometer.duty(records, day[1]["delay"])
-    length = (records["end"] - records["begin"]).values
-    assert (share * length[:, None]).sum() == pytest.approx(records["on"].values.sum(), rel=1e-2)
-    assert np.abs(length[1:-1] - 1).max() < 0.11
 
 
 def test_a_day_without_an_instrument_says_what_is_missing(day, tmp_path):

@@ -1,6 +1,5 @@
 """Attitude thrusters: recovery of gain and delay, physics of an impulse, and firings of another satellite."""
 
-import json
 from pathlib import Path
 
 import commands
@@ -87,16 +86,11 @@ def test_firings_at_other_times_are_questionable(tmp_path):
     failed = {one["name"] for one in document["checks"] if not one["passed"]}
     assert "chi-square gained by the firings over the most at wrong times" in failed or not document["parameters"]
     assert document["heads"] == {"said": "no SCA1A", "parameters": None}
-    page = (ref.folder / "report.html").read_text()
-    assert page.count("<figure ") >= 1
-    assert "Not determined: no SCA1A" in page
+    assert "Not determined: no SCA1A" in (ref.folder / "report.html").read_text()
 
 
-def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path, store_folder):
-    """Recovery: two days with 2.5 times the nominal roll impulse, tags late by 2 s on the second; a third is added.
-
-    Of the first two days nothing is made again.
-    """
+def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path):
+    """Recovery: two days with 2.5 times the nominal roll impulse, tags late by 2 s on the second."""
     fixed, share = {"duration_s": 21600, "gain_scatter": 0, "delay_scatter_s": 0}, {FIRINGS: 1.5}
     seed = seeds.seed("thrusters of two days", 1e-4)
     for day, late in (("2014-01-11", {}), ("2014-01-12", {f"{LATE}.delay": 2.0})):
@@ -117,25 +111,19 @@ def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path, store
             for own in values:
                 assert own["share_x"]["value"] == pytest.approx(2.5, abs=5 * own["share_x"]["sigma"])
     assert "does not repeat" in next(path for path in files if path.suffix == ".html").read_text()
-    before = set(store_folder.glob("objects/*/*/meta.json"))
-    CALIBRATION.simulate(tmp_path / "2014-01-13", seed=seed, effects=share, settings=fixed | {"date": "2014-01-13"})
-    discover.joint("thrusters", None, [*folders, tmp_path / "2014-01-13"], CHOSEN, workers=0)
-    made = [json.loads(path.read_text())["recipe"] for path in set(store_folder.glob("objects/*/*/meta.json")) - before]
-    assert {one["kind"] for one in made if "2014-01-13" not in one["event"]} == {"thrusters.joint"}
 
 
-@pytest.mark.parametrize("late", [137.0, -137.0])
-def test_firings_late_by_minutes_name_no_cause_but_timing(tmp_path, late):
+def test_firings_late_by_minutes_name_no_cause_but_timing(tmp_path):
     """Recovery: tags of one record against the other, which of the two does not show; the delay within its error."""
     settings = {"duration_s": "10800", "quiet_s": "900", "delay_scatter_s": "0"}
-    CALIBRATION.simulate(tmp_path, seed=5, effects={f"{LATE}.delay": late}, settings=settings)
+    CALIBRATION.simulate(tmp_path, seed=5, effects={f"{LATE}.delay": -137.0}, settings=settings)
     assert commands.run("thrusters", tmp_path)[0]["status"] == "questionable"
     found = commands.run("thrusters", tmp_path, discovery=True)[0]["findings"]
     found = [one for one in found if one["cause"] != "unknown:excess"]
     assert [{one["cause"], *one["tied_with"]} for one in found] == [{LATE, "timing.star_camera_delay"}]
     sign = 1 if found[0]["cause"] == LATE else -1
     delay = found[0]["parameters"]["delay"]
-    assert abs(sign * delay["value"] - late) < 2 * delay["sigma"] < 3
+    assert abs(sign * delay["value"] + 137) < 2 * delay["sigma"] < 3
 
 
 def test_an_orbit_late_by_minutes_is_named_and_nothing_else(tmp_path):
@@ -151,34 +139,7 @@ def test_an_orbit_late_by_minutes_is_named_and_nothing_else(tmp_path):
     assert abs(one["parameters"]["delay"]["value"] - 137) < one["parameters"]["delay"]["sigma"] < 20
 
 
-STILL = [[0.3, -1.1, 0.4], [2.0, 0.5, -1.2]]
-
-
-@pytest.mark.parametrize("angle", STILL)
-def test_heads_differ_by_bias_and_their_own_errors_whatever_the_attitude(tmp_path, angle):
-    """Analytic: (b_k - b_1) + R_k e_k - R_1 e_1, frames by scipy; second order of 1e-4 rad left."""
-    time, bias = (
-        invented_heads.BEGIN + 0.5 * np.arange(40),
-        {1: [2e-5, -3e-5, 1e-5], 2: [-4e-5, 5e-5, 9e-5], 3: [1e-5, 0, -8e-5]},
-    )
-    error = {head: np.array([[1e-5, -2e-5, 1e-4]]) * head for head in bias}
-    turns = {head: (bias[head], np.tile(error[head], (40, 1))) for head in bias}
-    observed = invented_heads.heads_file(
-        tmp_path, "C", time, lambda tag: Rotation.from_rotvec(np.tile(angle, (tag.size, 1))), turns
-    )
-    mounting = catalog.satellite("C").settings()["star_camera_mounting"]
-    grid, attitudes = noise.on_grid(observed, mounting)
-    assert_allclose(grid, time, atol=1e-6)
-    turned = {  # from components of a head to those of the SRF
-        head: Rotation.from_quat(mounting[head - 1], scalar_first=True).inv().apply(error[head]) for head in bias
-    }
-    for head in (2, 3):
-        expected = np.subtract(bias[head], bias[1]) + turned[head] - turned[1]
-        found = frames.attitude_error(attitudes[head], attitudes[1])
-        assert_allclose(found, np.tile(expected, (40, 1)), atol=1e-7)
-
-
-@pytest.mark.parametrize("heads", [(1, 2, 3), (1, 2), (2, 3)])
+@pytest.mark.parametrize("heads", [(1, 2, 3), (2, 3)])
 def test_bias_and_noise_of_heads_are_found_within_their_errors(tmp_path, heads):
     """Recovery: 5 records with noise of the catalogue; of two heads what only the prior separates to 5 sigma."""
     sigma, seed = np.array(catalog.satellite("C").settings()["star_camera_head_noise"]), seeds.seed("heads", 1e-4)
@@ -192,7 +153,7 @@ def test_bias_and_noise_of_heads_are_found_within_their_errors(tmp_path, heads):
 
 
 def test_one_head_alone_says_nothing_and_two_name_the_steps_between_them(tmp_path):
-    """Recovery: SCA1B steps by the bias that SCA1A shows: its share is one, in the document, the page and routine's."""
+    """Recovery: SCA1B steps by the bias that SCA1A shows: its share is one, in the document and the page."""
     seed = seeds.seed("heads of a day", 1e-5)
     truth = CALIBRATION.simulate(
         tmp_path, seed=seed, settings={"duration_s": "10800", "quiet_s": "900", "head_step_rad": "4e-4"}
@@ -218,8 +179,6 @@ def test_one_head_alone_says_nothing_and_two_name_the_steps_between_them(tmp_pat
     assert found["noise_2_z_slow"]["value"] == pytest.approx(1e-4 * np.sqrt(10), rel=0.1)
     assert found["noise_2_z_fast"] is None  # 5 s between attitudes end at 0.1 Hz
     assert "bias 2 x" in (ref.folder / "report.html").read_text()
-    day = commands.run("routine", tmp_path, search=0)[0]
-    assert day["instruments"]["thrusters"]["heads"] == document["heads"]
     named = {one["cause"]: one for one in commands.run("thrusters", tmp_path, discovery=True)[0]["findings"]}
     share = named["attitude.star_camera_heads"]["parameters"]["share"]
     assert share["value"] == pytest.approx(1.0, abs=5 * share["sigma"])
