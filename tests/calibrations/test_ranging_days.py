@@ -61,14 +61,7 @@ def test_a_hidden_wave_is_named_and_taken_out(tmp_path):
     assert abs(sine["value"] - 8e-3) < 4 * sine["sigma"] < 1e-3
 
 
-@pytest.mark.parametrize(
-    ("late", "named"),
-    [
-        ("SCA1B CD", ["timing.star_camera_delay"]),
-        ("KBR1B Y", ["ranging.delay"]),
-        ("GNI1B D", ["timing.orbit_delay"]),
-    ],
-)
+@pytest.mark.parametrize(("late", "named"), [("KBR1B Y", ["ranging.delay"]), ("GNI1B D", ["timing.orbit_delay"])])
 def test_records_shifted_against_each_other_name_no_cause_but_timing(tmp_path, late, named):
     """Recovery: tags 137 s late in eight hours: the record is named, and the delay within its error."""
     CALIBRATION.simulate(tmp_path, seed=seeds.seed("ranging_late", 1e-4), settings={"phase_step_s": 1.0})
