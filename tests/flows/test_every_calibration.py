@@ -63,6 +63,7 @@ READ_BY_NO_STAGE = {
     "gravcal/report/history.html": "gravcal series writes it, no stage",
     "gravcal/report/comparison.html": "gravcal compare writes it, no stage",
     "gravcal/report/reproduction.html": "gravcal reproduce writes it, no stage",
+    "flows/": "options of commands, what records say, settings of engines: what of it a stage takes are its settings",
     "gravcal/io/archives.toml": "where archives are, for gravcal fetch; no stage fetches",
 }
 
