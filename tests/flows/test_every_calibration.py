@@ -74,8 +74,8 @@ def level_one(tmp_path_factory):
     folder = tmp_path_factory.mktemp("every")
     for name, settings in SMALL.items():
         command.record(name).simulate(folder / name, seed=1, truth=None, effects={}, settings=settings)
-    if "ranging" in SMALL:
-        commands.shortened(folder / "ranging", 8)
+    for name in {"kbr_phase_centre", "ranging"} & set(SMALL):
+        commands.shortened(folder / name, 8)
     return folder
 
 
