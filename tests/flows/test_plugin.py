@@ -12,6 +12,29 @@ import pytest
 ROOT = Path(__file__).parents[2]
 
 
+#: Commands of a list one after the other in one process: exit code, output and errors of each.
+COMMANDS = """
+import contextlib, io, json, sys
+from flows import cli
+said = []
+for words in json.load(sys.stdin):
+    sys.argv, out, err = ["gravcal", *words], io.StringIO(), io.StringIO()
+    with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+        try:
+            cli.main()
+        except SystemExit as ended:
+            said.append([ended.code or 0, out, err])
+print(json.dumps([[code, out.getvalue(), err.getvalue()] for code, out, err in said]))
+"""
+PAGES = """
+from starlette.testclient import TestClient
+from flows.calibration import load_all
+from gravcal.browse import app
+client = TestClient(app.application(load_all(), hosts=("testserver",)))
+print(client.get("/").text, client.get("/timeline/tilt_scale").text, client.get("/event/toy-p-2026-01-01").text)
+"""
+
+
 @pytest.fixture(scope="module")
 def tilt(tmp_path_factory):
     """Return a function that runs gravcal where the example is installed, and a folder with one invented event."""
@@ -24,30 +47,36 @@ def tilt(tmp_path_factory):
         "GRAVCAL_PRODUCTS": str(folder / "store"),
     }
 
-    def gravcal(*words, code=0):
-        command = [sys.executable, "-m", "flows.cli", *map(str, words)]
-        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
-        assert done.returncode == code, done.stdout + done.stderr
+    def python(code, said=""):
+        command = [sys.executable, "-W", "ignore", "-c", code]
+        done = subprocess.run(command, input=said, capture_output=True, text=True, check=False, env=environment)
+        assert done.returncode == 0, done.stderr
         return done.stdout
 
-    gravcal("simulate", "tilt_scale", "--out", folder / "data", "--truth", folder / "truth.json", "--seed", 3)
-    gravcal.folder, gravcal.environment = folder, environment
+    def gravcal(*lines, codes=(0,)):
+        found = json.loads(python(COMMANDS, json.dumps([list(map(str, words)) for words in lines])))
+        assert len(found) == len(lines)
+        assert {code for code, *_ in found} <= set(codes), found
+        return [out if code == 0 else " ".join(err.split()) for code, out, err in found]
+
+    gravcal(("simulate", "tilt_scale", "--out", folder / "data", "--truth", folder / "truth.json", "--seed", 3))
+    gravcal.folder, gravcal.python = folder, python
     return gravcal
 
 
 def test_the_truth_comes_back_and_a_hidden_effect_is_discovered(tilt):
     """Recovery: scale and bias to four sigma, a valid document; a reading that bends with the angle, with a size."""
-    document = json.loads(
-        tilt("run", "tilt_scale", "--data", tilt.folder / "data", "--engine", "inline", "--json", "-")
+    data, hidden, inline = tilt.folder / "bent", 5.0, ("--engine", "inline", "--json", "-")  # rad-1
+    said = tilt(
+        ("run", "tilt_scale", "--data", tilt.folder / "data", *inline),
+        ("simulate", "tilt_scale", "--out", data, "--set", f"curvature_per_rad={hidden}", "--set", "date=2026-01-02"),
+        ("discover", "tilt_scale", "--data", data, *inline),
     )
-    truth = json.loads((tilt.folder / "truth.json").read_text())
+    document, truth = json.loads(said[0]), json.loads((tilt.folder / "truth.json").read_text())
     assert (document["status"], document["origin"], document["event"]) == ("delivered", "simulated", "toy-p-2026-01-01")
     for name, one in document["parameters"].items():
         assert abs(one["value"] - truth[name]) < 4 * one["sigma"]
-    data, hidden = tilt.folder / "bent", 5.0  # rad-1
-    tilt("simulate", "tilt_scale", "--out", data, "--set", f"curvature_per_rad={hidden}", "--set", "date=2026-01-02")
-    words = ("discover", "tilt_scale", "--data", data, "--engine", "inline", "--json", "-")
-    (found,) = json.loads(tilt(*words))["findings"]
+    (found,) = json.loads(said[2])["findings"]
     assert found["cause"] == "unknown:angle_squared"
     curvature = found["parameters"]["curvature"]
     assert abs(curvature["value"] - hidden) < 4 * curvature["sigma"]
@@ -58,37 +87,23 @@ def test_every_command_and_the_browser_know_it(tilt):
 
     The browser has its events, time line and chain of stages.
     """
-    data = ("tilt_scale", "--data", tilt.folder / "data")
-    tilt("run", *data, "--engine", "inline")
-    assert "tilt_scale" in tilt("run", "--help")
-    assert "turntable settles" in tilt("settings", "tilt_scale")
-    assert "reuse: 1, run: 2" in tilt("plan", *data, "--set", "skip_s=120")
-    assert "scale 0.01" in tilt("campaign", *data, "--workers", 0)
-    assert "report.html" in tilt("report", "toy-p-2026-01-01")
-    page = tilt.folder / "series.html"
-    tilt("series", "tilt_scale", "--out", page)
+    data, page = ("tilt_scale", "--data", tilt.folder / "data"), tilt.folder / "series.html"
+    lines = {
+        ("run", *data, "--engine", "inline"): "delivered",
+        ("run", "--help"): "tilt_scale",
+        ("settings", "tilt_scale"): "turntable settles",
+        ("plan", *data, "--set", "skip_s=120"): "reuse: 1, run: 2",
+        ("campaign", *data, "--workers", 0): "scale 0.01",
+        ("report", "toy-p-2026-01-01"): "report.html",
+        ("series", "tilt_scale", "--out", page): str(page),
+    }
+    for said, expected in zip(tilt(*lines), lines.values(), strict=True):
+        assert expected in said
     assert "Scale and bias of the tilt meter" in page.read_text()
-    assert "expected TLT for tilt_scale" in refused(tilt, "run", "tilt_scale", "--data", ROOT / "docs")
-    assert "files of tilt_scale" in refused(tilt, "run", "com_offset", "--data", tilt.folder / "data")
-    code = [sys.executable, "-W", "ignore", "-c", PAGES]
-    done = subprocess.run(code, capture_output=True, text=True, check=False, env=tilt.environment)
-    assert done.returncode == 0, done.stderr
+    foreign = ("run", "tilt_scale", "--data", ROOT / "docs"), ("run", "com_offset", "--data", tilt.folder / "data")
+    refused = tilt(*foreign, codes=(1, 3))
+    assert "expected TLT for tilt_scale" in refused[0]
+    assert "files of tilt_scale" in refused[1]
+    shown = tilt.python(PAGES)
     for text in ("Tilt meter", "Scale and bias of the tilt meter", "tilt_scale.fit", "toy-p-2026-01-01"):
-        assert text in done.stdout
-
-
-def refused(tilt, *words):
-    """What is said of a folder with files of another calibration."""
-    command = [sys.executable, "-m", "flows.cli", *map(str, words)]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, env=tilt.environment)
-    assert done.returncode in (1, 3)
-    return " ".join(done.stderr.split())
-
-
-PAGES = """
-from starlette.testclient import TestClient
-from flows.calibration import load_all
-from gravcal.browse import app
-client = TestClient(app.application(load_all(), hosts=("testserver",)))
-print(client.get("/").text, client.get("/timeline/tilt_scale").text, client.get("/event/toy-p-2026-01-01").text)
-"""
+        assert text in shown
