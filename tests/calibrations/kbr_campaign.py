@@ -41,19 +41,19 @@ def ingested(columns):
     return found
 
 
-def process(columns, orbit="GNI1B", **settings):
-    """All products of one campaign."""
+def process(columns, orbit="GNI1B", names=OBSERVABLES, **settings):
+    """Products of one campaign; all of them are combined."""
     chosen = catalog.parameters("kbr_phase_centre").with_settings(settings)
     observed = ingested(columns)
     files = [("KBR1B", "Y"), (orbit, "C"), (orbit, "D"), ("SCA1B", "C"), ("SCA1B", "D")]
     aligned = stages.align(*(observed[name] for name in files), **chosen.for_stage("align"))
     pointed = stages.pointing(aligned, **chosen.for_stage("pointing"), nominal_m=NOMINAL, given=())
     given = chosen.for_stage("observable") | {"nominal_m": NOMINAL}
-    equations = [stages.observable(aligned, pointed, variant=name, **given) for name in OBSERVABLES]
+    equations = [stages.observable(aligned, pointed, variant=name, **given) for name in names]
     quiet = stages.noise(equations[0], **chosen.for_stage("noise"))
     given = chosen.for_stage("solve") | {"nominal_m": NOMINAL}
-    solved = [stages.solve(e, quiet, variant=name, **given) for name, e in zip(OBSERVABLES, equations, strict=True)]
-    combined = stages.combine(*solved, **chosen.for_stage("combine"))
+    solved = [stages.solve(e, quiet, variant=name, **given) for name, e in zip(names, equations, strict=True)]
+    combined = stages.combine(*solved, **chosen.for_stage("combine")) if names == OBSERVABLES else None
     return SimpleNamespace(
         aligned=aligned, pointed=pointed, equations=equations, noise=quiet, solved=solved, combined=combined
     )

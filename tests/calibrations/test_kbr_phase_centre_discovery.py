@@ -36,7 +36,7 @@ def without(columns, own):
 
 def seen(columns):
     """Observations of a campaign."""
-    products, parameters = process(columns), catalog.parameters("kbr_phase_centre")
+    products, parameters = process(columns, names=("range",)), catalog.parameters("kbr_phase_centre")
     names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz", "band_hz")
     given = {name: parameters.entries[name].value for name in names} | {"of_noise": parameters.for_stage("noise")}
     given |= {"of_observable": parameters.for_stage("observable")}
