@@ -7,7 +7,7 @@ import timeit
 import numpy as np
 import xarray as xr
 
-from benchmarks.tables import Figure, cases, grid, interval, numbers, of_tests, rms, say, show, title
+from benchmarks.tables import Figure, interval, numbers, of_tests, rms, say, show, study, title
 from gravcal import catalog
 from gravcal.calibrations.gradient_torque import estimate, model
 from gravcal.io import icgem
@@ -29,22 +29,19 @@ def gradient_speed(_options) -> list[Figure]:
     position, figures = orbit_points(), []
     for degree in (60, 200):
         title(f"gradient: degree {degree}, {EPOCHS} epochs, one thread, least processor time")
-        field = of_tests("physics.physics_references").random_field(degree)
+        field, rounds = of_tests("physics.physics_references").random_field(degree), ROUNDS if degree < 100 else 2
         own = gravity.gradient_e(field, position)
-        base = seconds(lambda f=field: gravity.gradient_e(f, position))
-        tables, rounds = field.tables[gravity.PAIRS], ROUNDS if degree < 100 else 2
-        found = {"numpy, six elements": seconds(lambda f=field, t=tables: numpy_gradient(f, position, t), rounds)}
+        base = seconds(gravity.gradient_e, field, position)
+        found = {"numpy, six elements": seconds(numpy_gradient, field, position, rounds=rounds)}
         for peer in (pyharm, pyshtools):
             try:
                 found |= peer(field, position, own)
             except ImportError:
                 say(f"{peer.__name__}: not installed")
-        trace = np.abs(np.trace(own, axis1=1, axis2=2)).max()
-        rows = [Figure("gravcal, six elements", f"{base[1]:.4f} s", f"{base[0]:.4f} s", f"trace {trace:.1e} s-2")]
-        rows += [
-            Figure(n, f"{v[1]:.4f} s", f"{v[0]:.4f} s", f"{v[1] / base[1]:.1f} x gravcal") for n, v in found.items()
-        ]
-        figures += show(rows, "median")
+        trace = f"trace {np.abs(np.trace(own, axis1=1, axis2=2)).max():.1e} s-2"
+        rows = [("gravcal, six elements", base, trace)]
+        rows += [(name, spent, f"{spent[1] / base[1]:.1f} x gravcal") for name, spent in found.items()]
+        figures += show([Figure(name, f"{v[1]:.4f} s", f"{v[0]:.4f} s", said) for name, v, said in rows], "median")
     return figures
 
 
@@ -56,9 +53,9 @@ def orbit_points(count=EPOCHS, step=5.0):
     return 6.868e6 * np.stack([x, y, z], axis=1)
 
 
-def numpy_gradient(field, position, tables):
+def numpy_gradient(field, position):
     """The same sum in numpy, all points at once: what a careful user would write."""
-    table, alpha, beta = tables  # as of `gravity.kernel_tables`
+    table, alpha, beta = field.tables[gravity.PAIRS]  # as of `gravity.kernel_tables`
     p = position / field.radius
     q = 1 / np.sum(p**2, axis=1)
     x, y, z = (p * q[:, None]).T
@@ -75,9 +72,9 @@ def numpy_gradient(field, position, tables):
     return total * field.gm / field.radius**3
 
 
-def seconds(call, rounds=ROUNDS):
+def seconds(function, *arguments, rounds=ROUNDS):
     """Median and least processor time of a call; all candidates run on one thread, so a busy machine matters less."""
-    taken = timeit.repeat(call, timer=time.process_time, repeat=rounds, number=1)
+    taken = timeit.repeat(lambda: function(*arguments), timer=time.process_time, repeat=rounds, number=1)
     return statistics.median(taken), min(taken)
 
 
@@ -99,8 +96,7 @@ def pyharm(field, position, own):
     up = position / r[:, None]
     difference = np.abs(np.einsum("ni,nij,nj->n", up, own, up) - zz).max()
     say(f"largest difference of the radial element from pyharm: {difference:.1e} s-2")
-    found = seconds(lambda: ph.shs.point_grad2(points, coefficients, field.degree))
-    return {"pyharm point_grad2, six elements": found}
+    return {"pyharm point_grad2, six elements": seconds(ph.shs.point_grad2, points, coefficients, field.degree)}
 
 
 def pyshtools(field, position, _own):
@@ -115,34 +111,28 @@ def pyshtools(field, position, _own):
         for k in part:
             MakeGravGridPoint(both, field.gm, field.radius, r[k], latitude[k], longitude[k], lmax=field.degree)
 
-    return {"pyshtools acceleration only": tuple(value * EPOCHS / len(part) for value in seconds(run, 3))}
+    return {"pyshtools acceleration only": tuple(value * EPOCHS / len(part) for value in seconds(run, rounds=3))}
 
 
 def drag(options) -> list[Figure]:
     """Errors over standard deviations, and scatter over the bound, of many simulated days."""
-    count = options.runs or 100
-    title(f"drag: gradient_torque, {count} simulated days of {EPOCHS} epochs, degree 60")
-    days, figures = list(cases(one_day, range(count), options.workers)), []
-    low, high = interval(count, 3)
-    for name in VARIANTS:
-        squared, variance, ratio, mean = np.array([day[name] for day in days]).transpose(1, 0, 2)
+    words = f"drag: gradient_torque, {{}} simulated days of {EPOCHS} epochs, degree 60"
+    drags, pressure, attitude = study(options, 100, words, one_day)
+    count, figures, (low, high) = len(drags), [], interval(len(drags), 3)
+    for k, name in enumerate(VARIANTS):
+        squared, variance, ratio, mean = drags[:, k].transpose(1, 0, 2)
         by_day, over = np.sqrt(ratio.mean(axis=1)), np.sqrt(squared.mean(axis=0) / variance.mean(axis=0))
-        bias = mean.mean(axis=0) / mean.std(axis=0) * count**0.5
+        bias, size = mean.mean(axis=0) / mean.std(axis=0) * count**0.5, f"sigma {np.sqrt(variance.mean()):.3e}"
         figures += [
-            Figure(
-                f"{name}: error rms, m s-2", f"{np.sqrt(squared.mean()):.3e}", f"sigma {np.sqrt(variance.mean()):.3e}"
-            ),
+            Figure(f"{name}: error rms, m s-2", f"{np.sqrt(squared.mean()):.3e}", size),
             Figure("  error/sigma rms", f"{np.sqrt(ratio.mean()):.4f}", f"{by_day.min():.3f} .. {by_day.max():.3f}"),
             Figure("  scatter over bound by axis", numbers(over, ".4f")),
             Figure("  mean error over its standard error", numbers(bias, ".2f")),
         ]
-    pressure = rms([day["pressure"] for day in days])
+    pressure, name = rms(pressure), "centre of pressure, error/sigma rms"
     met = bool(np.all((low < pressure) & (pressure < high)))
-    figures.append(
-        Figure("centre of pressure, error/sigma rms", numbers(pressure), "", f"{low:.2f} .. {high:.2f}", met)
-    )
-    figures.append(Figure("attitude fit, chi2/dof", numbers(np.mean([day["attitude"] for day in days], axis=0))))
-    return show(figures, "")
+    figures.append(Figure(name, numbers(pressure), "", f"{low:.2f} .. {high:.2f}", met))
+    return show([*figures, Figure("attitude fit, chi2/dof", numbers(np.mean(attitude, axis=0)))])
 
 
 def simulated(seed, **flown):
@@ -152,8 +142,7 @@ def simulated(seed, **flown):
     columns, truth = simulation.simulate(satellite, settings, field, DAY, seed)
     readings = {name: (dims, columns[name]) for name, (dims, _, _) in LAYOUTS["SGRS"].items()}
     observed, chosen = xr.Dataset(readings, {"time": columns["time"]}), catalog.parameters("gradient_torque")
-    options = chosen.for_stage("gradient")
-    return model.gradient(observed, model.field(field), satellite=satellite, **options), truth
+    return model.gradient(observed, model.field(field), satellite=satellite, **chosen.for_stage("gradient")), truth
 
 
 def dragged(modelled, variant):
@@ -165,23 +154,21 @@ def dragged(modelled, variant):
 def one_day(seed):
     """Squared error, variance, ratio, error of the drag (4, 3) by variant; centre of pressure; fit of attitude."""
     modelled, truth = simulated(seed)
-    found = {"attitude": modelled["attitude_chi2"].values / modelled["attitude_dof"].values}
+    drags = []
     for name in VARIANTS:
         one = dragged(modelled, name)
         error = one["drag_b"].values - truth["drag"]
         variance = np.diagonal(one["covariance"].values, axis1=1, axis2=2)
-        found[name] = [part.mean(axis=0) for part in (error**2, variance, error**2 / variance, error)]
+        drags.append([part.mean(axis=0) for part in (error**2, variance, error**2 / variance, error)])
         if name == "one_sensor":
-            sigma = np.sqrt(np.diag(one["pressure_covariance"].values))
-            found["pressure"] = (one["pressure"].values - truth["centre_of_pressure_m"]) / sigma
-    return found
+            off, sigma = one["pressure"] - truth["centre_of_pressure_m"], np.sqrt(np.diag(one["pressure_covariance"]))
+    return drags, off.values / sigma, modelled["attitude_chi2"].values / modelled["attitude_dof"].values
 
 
 def degrees(_options) -> list[Figure]:
-    """Relative angular acceleration of each degree over a day, zonal and whole, against white angular noise.
+    """Degrees, zonal and whole, whose angular acceleration over a day, sqrt(2 T) rms, is above so much white noise.
 
-    Signal over noise of a known waveform in white noise of one-sided density D: sqrt(2 T) rms / D. Linear noise d of
-    a cube of size L is an angular one of 2 d / L.
+    Linear noise d of a cube of size L is an angular one of 2 d / L.
     """
     field, satellite = icgem.read_field(icgem.shipped(), 60), catalog.satellite("S").settings()
     position, step = orbit_points(), 5.0
@@ -196,22 +183,14 @@ def degrees(_options) -> list[Figure]:
     title(
         f"degrees: {field.name}; angular noise rad s-2 Hz-1/2: " + ", ".join(f"{n} {d:.1e}" for n, d in density.items())
     )
-    rows = [("degree", "zonal rms", "whole rms", *(f"S/N, {name}" for name in density))]
     seen = {(name, what): [] for name in density for what in ("zonal", "whole")}
     for n in range(1, 61):
-        parts = {"zonal": gravity.zonal(field, n), "whole": gravity.truncated(field, n, n)}
-        size = {}
-        for what, part in parts.items():
+        for what, part in (("zonal", gravity.zonal(field, n)), ("whole", gravity.truncated(field, n, n))):
             tensor = gravity.rotate_tensor(R_be, gravity.gradient_e(part, position))
             angular = model.gradient_angular_acceleration(cube, body, tensor)
-            size[what] = np.sqrt(np.mean(np.sum(angular**2, axis=1)))
-        ratio = {at: np.sqrt(2 * step * EPOCHS) * size[at[1]] / density[at[0]] for at in seen}
-        for at, value in ratio.items():
-            seen[at] += [n] if value > SEEN else []
-        if n <= 24 or n % 10 == 0:
-            zonal = (f"{ratio[name, 'zonal']:.2g}" for name in density)
-            rows.append((f"{n}", f"{size['zonal']:.2e}", f"{size['whole']:.2e}", *zonal))
-    grid(rows)
+            size = np.sqrt(np.mean(np.sum(angular**2, axis=1)))
+            for name, noise in density.items():
+                seen[name, what] += [n] if np.sqrt(2 * step * EPOCHS) * size / noise > SEEN else []
     for (name, what), found in seen.items():
         say(f"{name}, {what}, above {SEEN:g} in a day: {', '.join(map(str, found)) or 'none'}")
     return []

@@ -1,12 +1,13 @@
 """Recovery over simulated swings and rolls of Taiji in memory, the bound of the offset, and a roll of 1.6e6 s."""
 
+import functools
 import resource
 import time
 from dataclasses import replace
 
 import numpy as np
 
-from benchmarks.tables import Figure, at_most, cases, numbers, rms, rms_figure, say, show, title
+from benchmarks.tables import Figure, at_most, numbers, rms, rms_figure, say, show, study, title
 from flows import inertial_sensor as flow
 from flows.inertial_sensor import assumed, geometry
 from gravcal import catalog
@@ -27,12 +28,8 @@ SEGMENTS = 20  # of each roll
 
 def swings(options) -> list[Figure]:
     """Error/sigma of swings with its interval, scatter and sigma over the Cramer-Rao bound, and the accuracy."""
-    count = options.runs or 200
-    title(f"swings: inertial_sensor, {count} simulated swings")
-    rows = zip(*cases(one_swing, range(count), options.workers), strict=True)
-    error, sigma, least, size, apart = (np.array(part) for part in rows)
-    least, mean = rms(least), sigma.mean(axis=0)
-    figures = []
+    error, sigma, least, size, apart, _ = study(options, 200, "swings: inertial_sensor, {} simulated swings", one_swing)
+    least, mean, figures = rms(least), sigma.mean(axis=0), []
     for i, name in enumerate(SWING):
         accuracy = f" = {100 * mean[i] / size[0, i]:.2f} %" if size[0, i] > 0 else ""
         more = f", scatter/bound {rms(error[:, i]) / least[i]:.3f}, sigma/bound {mean[i] / least[i]:.3f}"
@@ -42,16 +39,18 @@ def swings(options) -> list[Figure]:
     return show(figures, "std. error")
 
 
-def one_swing(seed, bounds=BOUNDS):
-    """Errors, sigmas and bound (6,) in the order of SWING, sizes of what is estimated, filter less batch in sigma."""
-    chosen, settings = invented("swing"), catalog.parameters("inertial_sensor")
+def one_swing(seed, bounds=BOUNDS, **noise):
+    """Errors, sigmas and bound (6,) in the order of SWING, sizes, filter less batch in sigma; of k_y sigma %, score."""
+    chosen, settings = invented("swing", **noise), catalog.parameters("inertial_sensor")
     truth, _, scaled, moved = swing(seed, chosen, settings)
     late = float(scaled.delay) - truth.delay
     error = [*(scaled.beta.values[:2] - truth.beta[:2]), late, *(moved.offset.values[0] - truth.offset)]
     sigma = [*scaled.beta_sigma.values[:2], float(scaled.delay_sigma), *np.sqrt(np.diag(moved.covariance.values[0]))]
     size = np.abs([*truth.beta[:2], np.nan, *1e-6 * np.array(chosen.offset_um)])
     apart = np.abs(scaled.filter_value.values[-1] - scaled.batch_value.values) / scaled.filter_sigma.values[-1]
-    return error, sigma, bound(seed, chosen, settings) if seed < bounds else np.full(6, np.nan), size, apart.max()
+    least, one = bound(seed, chosen, settings) if seed < bounds else np.full(6, np.nan), float(moved.k_y_sigma)
+    factor = 100 * one / truth.k[1], (float(moved.k_y) - truth.k[1]) / one
+    return error, sigma, least, size, apart.max(), factor
 
 
 def invented(manoeuvre, **changes):
@@ -90,16 +89,14 @@ def bound(seed, chosen, settings):
 
 def rolls(options) -> list[Figure]:
     """Error/sigma of the bias of rolls with its interval: of the scatter alone, and with an offset with its error."""
-    count = options.runs or 50
-    title(f"rolls: inertial_sensor, {count} simulated rolls of {SEGMENTS} segments; y is b - a, not separable")
-    rows = list(cases(one_roll, range(count), options.workers))
-    pairs, figures = np.array([found for found, _ in rows]), []
+    words = f"rolls: inertial_sensor, {{}} simulated rolls of {SEGMENTS} segments; y is b - a, not separable"
+    (pairs, used), figures = study(options, 50, words, one_roll), []
     for number, kind in enumerate(("offset exact", "offset drawn")):
         for axis, letter in enumerate("xyz"):
             error, sigma, size = pairs[:, number, :, axis].T
             more = f", sigma {sigma.mean():.2e} m s-2 = {100 * np.mean(sigma / size):.5f} %"
             figures.append(rms_figure(f"error/sigma bias_{letter}, {kind}", error / sigma, 12, more))
-    figures.append(Figure("segments used", f"{sum(used for _, used in rows)}"))
+    figures.append(Figure("segments used", f"{used.sum()}"))
     return show(figures, "std. error")
 
 
@@ -128,21 +125,14 @@ def one_roll(seed, segments=SEGMENTS):
 
 def swing_bound(options) -> list[Figure]:
     """Bound of the offset and error of k_y, with the actuation noise of Table 2 and without, beside printed errors."""
-    count, settings, figures = options.runs or 6, catalog.parameters("inertial_sensor"), []
-    title(f"swing_bound: Cramer-Rao bound of the offset x, y, z in um, {count} swings")
-    printed = [one.sigma[0] for one in catalog.published("inertial_sensor")["com_offset"]]
+    printed, figures = [one.sigma[0] for one in catalog.published("inertial_sensor")["com_offset"]], []
     for volt in (2e-5, 2e-7):
-        chosen, bounds, factor = invented("swing", voltage_noise_v_rthz=volt), [], []
-        for n in range(count):
-            truth, _, _, moved = swing(6000 + n, chosen, settings)
-            sigma = float(moved.k_y_sigma)
-            bounds.append(1e6 * bound(6000 + n, chosen, settings)[3:])
-            factor.append([100 * sigma / truth.k[1], (float(moved.k_y) - truth.k[1]) / sigma])
+        words = f"swing_bound: Cramer-Rao bound of the offset x, y, z in um, {{}} swings, actuation {volt:g} V/sqrt(Hz)"
+        one = functools.partial(one_swing, bounds=np.inf, voltage_noise_v_rthz=volt)
+        *_, least, _, _, factor = study(options, 6, words, one, 6000)
         share, ratio = rms(factor)
-        figures.append(
-            Figure(f"actuation {volt:g} V/sqrt(Hz)", numbers(rms(bounds), ".1f"), f"printed {numbers(printed)}")
-        )
-        figures.append(Figure("  k_y of a swing", f"{share:.1f} %", f"error/sigma {ratio:.2f}"))
+        said = f"actuation {volt:g} V/sqrt(Hz)", numbers(1e6 * rms(least)[3:], ".1f"), f"printed {numbers(printed)}"
+        figures += [Figure(*said), Figure("  k_y of a swing", f"{share:.1f} %", f"error/sigma {ratio:.2f}")]
     return show(figures)
 
 

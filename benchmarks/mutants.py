@@ -1,9 +1,7 @@
-"""`python -m benchmarks mutants`: one line of the code changed at a time, and whether the tests beside it notice.
+"""One line of the code changed at a time (mutants.toml), and whether the tests beside it notice.
 
-A fixed table of wrong signs, factors, bounds and units in physics, estimation, noise, readers and discovery
-(mutants.toml). Each is put into a copy of the project, and of the suite only the tests nearest to it, named beside it,
-run there: until one fails, and once without any change to see them pass. What they kill the suite kills. What survives
-is a hole in the tests, or changes nothing; a text that is gone is stale.
+Each is put into a copy of the project, where the tests named beside it run until one fails, and once without any change
+to see them pass. What survives is a hole in the tests, or changes nothing; a text that is gone is stale.
 """
 
 import os
@@ -52,13 +50,7 @@ def mutants(options) -> list[Figure]:
 
 
 def noticed(copy: Path, tests: str) -> bool:
-    """True if some of the tests fail in the copy.
-
-    Parameters
-    ----------
-    copy : folder of the project
-    tests : arguments of pytest, below tests/
-    """
+    """True if some of the tests, arguments of pytest below tests/, fail in a copy of the project."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *shlex.split(f"tests/{tests}")]
     environment = os.environ | {"PYTHONPATH": str(copy), "PYTHONDONTWRITEBYTECODE": "1"}
     try:

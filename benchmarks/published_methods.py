@@ -4,13 +4,15 @@ Every number of docs/published_methods.md: each calibration is simulated, proces
 and both are compared with the truth behind the records.
 """
 
+import functools
+
 import numpy as np
 
 from benchmarks import gradient_torque as gradient
 from benchmarks import inertial_sensor as inertial
 from benchmarks import kbr_phase_centre as kbr
 from benchmarks import recovery
-from benchmarks.tables import Figure, numbers, rms, show, title
+from benchmarks.tables import Figure, numbers, parts, rms, show, title
 from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES
 from gravcal.simulation import kbr_phase_centre as simulation
@@ -31,23 +33,18 @@ def published_methods(options) -> list[Figure]:
 def com_offset(runs) -> dict:
     """C-7, C-9, C-10, C-12: row selection, errors, orbital period, a delay that is not estimated."""
     title(f"com_offset, {runs} events, accelerometer tags {DELAY_S} s late: rms error um, rms error/sigma; x y z")
-    found = {method: [] for method in METHODS}
-    for seed in range(1, runs + 1):
-        observed, truth, _, chosen = recovery.simulated(seed, {"timing.accelerometer_delay": {"delay": DELAY_S}})
-        for method, kept in found.items():
-            extra = {"dynamics": "published"} if method == "published" else {}
-            settings = {"method": method, "igrf_generation": chosen.igrf_generation} | extra
-            kept.append(recovery.errors(recovery.chain.chain(observed, **settings)["combine"], truth))
     summary = {}
-    for method, kept in found.items():
-        error, sigma = (np.array(part) for part in zip(*kept, strict=True))
+    for method in METHODS:
+        ratio, error = parts(functools.partial(_event, method), range(1, runs + 1), 1)
         for k, variant in enumerate(recovery.VARIANTS):
-            summary[method, variant] = 1e6 * rms(error[:, k]), rms(error[:, k] / sigma[:, k])
-    conditions = {
-        ("condition of the Fourier columns in 180 s",): (np.linalg.cond(fourier(97.13 * 60)),),
-        ("condition of constant, linear, quadratic",): (np.linalg.cond(quadratic()),),
-    }
-    return table(summary | conditions)
+            summary[method, variant] = 1e6 * rms(error[:, k]), rms(ratio[:, k])
+    return table(summary)
+
+
+def _event(method, seed):
+    observed, truth, _ = recovery.simulated(seed, {"timing.accelerometer_delay": {"delay": DELAY_S}})
+    settings = {"method": method} | ({"dynamics": "published"} if method == "published" else {})
+    return recovery.chain.errors(recovery.chain.chain(observed, **settings)["combine"], truth)
 
 
 def table(summary: dict) -> dict:
@@ -56,59 +53,43 @@ def table(summary: dict) -> dict:
     return summary
 
 
-def fourier(period_s):
-    """Constant and orbital harmonics over one manoeuvre, with the signal, eq. 32 (erratum C-7)."""
-    time = np.arange(0.0, 180.0, 0.1)
-    phase = 2 * np.pi * time / period_s
-    wave = np.sign(np.sin(2 * np.pi * time / 12))
-    return np.stack([wave, np.ones_like(time), *(f(n * phase) for n in (1, 2) for f in (np.sin, np.cos))], axis=1)
-
-
-def quadratic():
-    """What stands for them: constant, linear and quadratic, with the signal."""
-    time = np.linspace(-1, 1, 1800)
-    return np.stack([np.sign(np.sin(2 * np.pi * 7.5 * time)), np.ones_like(time), time, 1.5 * time**2 - 0.5], axis=1)
-
-
-def kbr_phase_centre(runs, noises=("measured", "benign")) -> dict:
+def kbr_phase_centre(runs) -> dict:
     """K-2, K-3, K-9: one-sided sets, columns not detrended, formal errors of robust weights."""
     summary = {}
-    for noise in noises:
+    for noise in ("measured", "benign"):
         title(f"kbr_phase_centre, {noise} noise, {runs} campaigns: rms error mm, rms error/sigma; x y z of C and D")
-        settings = {"phase_step_s": 1.0, "noise": noise}
-        invented = catalog.parameters("simulate_kbr_phase_centre").with_settings(settings)
-        found = {method: [] for method in METHODS}
-        for seed in range(runs):
-            columns, truth = simulation.simulate("CD", invented, kbr.DAY, 20_000 + seed, {})
-            for method, kept in found.items():
-                combined = kbr.chain.process(columns, method=method).combined
-                sigma = 1e3 * np.sqrt(np.diagonal(combined["covariance"].values, axis1=-2, axis2=-1))
-                kept.append((1e3 * combined["centre"].values - kbr.chain.true_mm(truth), sigma))
         made = {}
-        for method, kept in found.items():
-            error, sigma = (np.array(part) for part in zip(*kept, strict=True))
+        for method in METHODS:
+            error, sigma = parts(functools.partial(_campaign, method, noise), range(20_000, 20_000 + runs), 1)
             for i, s, k in np.ndindex(len(OBSERVABLES), len(SUBSETS), len(ESTIMATORS)):
-                name = method, OBSERVABLES[i], ESTIMATORS[k], SUBSETS[s]
+                name = noise, method, OBSERVABLES[i], ESTIMATORS[k], SUBSETS[s]
                 made[name] = rms(error[:, i, s, k]), rms(error[:, i, s, k] / sigma[:, i, s, k])
-        table(made)
-        summary |= {(noise, *name): values for name, values in made.items()}
+        summary |= table(made)
     return summary
+
+
+def _campaign(method, noise, seed):
+    invented = catalog.parameters("simulate_kbr_phase_centre").with_settings({"phase_step_s": 1.0, "noise": noise})
+    columns, truth = simulation.simulate("CD", invented, kbr.DAY, seed, {})
+    combined = kbr.chain.process(columns, method=method).combined
+    sigma = 1e3 * np.sqrt(np.diagonal(combined["covariance"].values, axis1=-2, axis2=-1))
+    return 1e3 * combined["centre"].values - kbr.chain.true_mm(truth), sigma
 
 
 def inertial_sensor(runs) -> dict:
     """T-4: scale factors of the linear axes from angular ones with the factor one half."""
     title(f"inertial_sensor, {runs} swings: k x y z over truth, mean; rms error of the offset um x y z")
-    chosen, summary = inertial.invented("swing"), {}
+    summary = {}
     for method in METHODS:
-        settings = catalog.parameters("inertial_sensor").with_settings({"method": method})
-        kept = []
-        for seed in range(runs):
-            truth, _, scaled, moved = inertial.swing(3000 + seed, chosen, settings)
-            known = np.asarray(truth.k)
-            kept.append((scaled["k"].values[1] / known, moved["offset"].values[1] - truth.offset))  # arm 10.45 mm
-        k, error = (np.array(part) for part in zip(*kept, strict=True))
+        k, error = parts(functools.partial(_swing, method), range(3000, 3000 + runs), 1)
         summary[(method,)] = k.mean(axis=0), 1e6 * rms(error)
     return table(summary)
+
+
+def _swing(method, seed):
+    settings = catalog.parameters("inertial_sensor").with_settings({"method": method})
+    truth, _, scaled, moved = inertial.swing(seed, inertial.invented("swing"), settings)
+    return scaled["k"].values[1] / np.asarray(truth.k), moved["offset"].values[1] - truth.offset  # arm 10.45 mm
 
 
 def gradient_torque(runs) -> dict:

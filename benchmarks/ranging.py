@@ -9,33 +9,31 @@ import functools
 import numpy as np
 
 from benchmarks.kbr_phase_centre import DAY
-from benchmarks.tables import Figure, cases, numbers, rms, rms_figure, say, show, title
-from flows import engine
+from benchmarks.tables import STUDIES, Figure, numbers, rms, rms_figure, say, show, study
+from flows import engine, kbr_phase_centre, ranging
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.calibrations.ranging import model
+from gravcal.estimation import least_squares, noise, robust
 from gravcal.simulation import kbr_phase_centre as simulation
-from gravcal.store import location, product
-from tasks import common
+from tasks import common, stage
 from tasks import kbr_phase_centre as of_pair
 from tasks import ranging as stages
 
 FILES = (("KBR1B", "Y"), ("GNI1B", "C"), ("GNI1B", "D"), ("SCA1B", "C"), ("SCA1B", "D"))
-FREE = [1, 2, 4, 5]  # y and z of both
-#: As on 2014-01-15; antenna vectors off the pointing axis.
-SETTINGS = simulation.MEASURED | {"phase_step_s": 1.0, "phase_centre_scatter_mm": 3.0}
+FREE, HELD = [1, 2, 4, 5], [0, 3]  # y and z of both, x
+SETTINGS = {"phase_step_s": 1.0, "phase_centre_scatter_mm": 3.0}  # noise as measured; antenna vectors off the axis
+SAID = STUDIES["measured"]["said"]
+TRAP_HZ = (0.01, 0.04)  # where nearly all of the correction is noise
 BANDS_MHZ = (*np.arange(0.5, 5.1, 0.5), *range(6, 11), 12, 14, 17, 20, 25, 30, 40, 60, 80, 100.1)
 
 
-def ranging(options) -> list[Figure]:
+def ranging_days(options) -> list[Figure]:
     """What the measured day of --data says; without it a study of simulated days."""
     if options.data:
         return of_day(options.data)
-    count = options.runs or 100
-    title(f"ranging: {count} days, {options.settings or 'as measured'}")
-    found = zip(*cases(functools.partial(one_day, options.settings), range(count), options.workers), strict=True)
-    error, sigma, noisy, held, share = (np.array(part) for part in found)
-    figures = []
+    found = study(options, 100, "ranging: {} days", functools.partial(one_day, options.settings), 40_000)
+    (error, sigma, noisy, held, share), figures = found, []
     for k, name in enumerate(("y_c", "z_c", "y_d", "z_d")):
         ratio = error[:, k] / sigma[:, k]
         size = f", mean {ratio.mean():+.3f}, rms error {rms(error[:, k]):.2f} mm, sigma {sigma[:, k].mean():.2f} mm"
@@ -50,17 +48,13 @@ def ranging(options) -> list[Figure]:
 
 def of_day(folder) -> list[Figure]:
     """What a measured day says, and by band the power of readings that its noise model makes white."""
-    one, chosen = load("ranging"), catalog.parameters("ranging")
-    ref = engine.run(one.flow, one.source(data=folder), chosen, engine="inline")
-    document = common.document(ref, "result.json")
+    source, *_, rows = records(folder)
+    document, figures = document_of(source), []
     say(document["verdict"]["text"])
-    path = location.folder() / "latest" / document["event"] / "ranging.align" / "product.nc"
-    rows = product.from_bytes(path.read_bytes())
-    settings, shared = chosen.for_stage("estimate"), -rows["correction_band"].values
-    settings.pop("determined_limit_mm")
-    parts = model.blocks(rows, **settings, beside=np.column_stack([rows["column"].values, shared]))
+    shared = -rows["correction_band"].values
+    blocks = beside(rows, np.column_stack([rows["column"].values, shared]))
     observed = rows["observed"].values - shared @ [band["value"] for band in document["share"]]
-    powers, figures = [model.whitened_power(part, observed, model.step_of(rows)) for part in parts], []
+    powers = [model.whitened_power(one, observed, model.step_of(rows)) for one in blocks]
     for low, high in zip(BANDS_MHZ, BANDS_MHZ[1:], strict=False):
         each = [power[(1e3 * f >= low) & (1e3 * f < high)].mean() for f, power in powers]
         said = f"{np.mean(each):.2f} +- {np.std(each) / len(each) ** 0.5:.2f}, largest of a block {max(each):.2f}"
@@ -68,16 +62,109 @@ def of_day(folder) -> list[Figure]:
     return show(figures)
 
 
+def records(folder):
+    """Source of a routine day; what is aligned, pointing, equations of the range and rows of routine pointing."""
+    pair, source = catalog.parameters("kbr_phase_centre"), load("ranging").source(data=folder)
+    aligned = kbr_phase_centre.aligned_records(source, pair)
+    pointed, (equations,) = kbr_phase_centre.with_equations(source, pair, aligned, ("range",))
+    rows, _ = ranging.quiet_rows(source, catalog.parameters("ranging"))
+    return source, *map(stage.read, (aligned, pointed, equations, rows))
+
+
+def document_of(source) -> dict:
+    """Document of a day."""
+    found = engine.run(load("ranging").flow, source, catalog.parameters("ranging"), engine="inline")
+    return common.document(found, "result.json")
+
+
+def held_mm(letters):
+    """Phase centres (6,) mm of the catalogue."""
+    return 1e3 * np.concatenate([catalog.satellite(letter).com_to_antenna.value for letter in letters])
+
+
+def as_measured(equations):
+    """Columns (n, 6) of routine pointing as measured, m of range per mm."""
+    return 1e-3 * equations["column"].values[equations["arc"].values == -1]
+
+
+def beside(rows, column):
+    """Blocks of a day, their noise that beside columns (n, q)."""
+    settings = catalog.parameters("ranging").for_stage("estimate")
+    settings.pop("determined_limit_mm")
+    return model.blocks(rows, **settings, beside=column)
+
+
+def normal(rows, observed, column):
+    """Normal equations (q, q), (q,) of columns of a range (n,), by the blocks and the noise of the day."""
+    information, right, _ = model.equations_of(beside(rows, column), rows, observed, column)
+    return information.sum(axis=0), right.sum(axis=0)
+
+
+def first_said(folder):
+    """What the range of a routine day says of the antennas, and what it only seems to say."""
+    source, aligned, pointed, equations, rows = records(folder)
+    document, soe = document_of(source), held_mm(source.satellite)
+    for band in document["share"]:
+        low, high = band["band_mhz"]
+        name, said = f"share of the correction, {low:g} to {high:g} mHz", SAID["share"].get(f"{low:g}", "")
+        yield name, f"{band['value']:.2f} +- {band['sigma']:.2f} (expected {band['expected']:.2f})", said
+    for (name, own), true in zip(document["parameters"].items(), soe, strict=True):
+        value = f"{own['value']:.1f} +- {own['sigma']:.1f}" if own else "null"
+        yield f"  {name}, smoothed pointing", f"{value} mm", f"{true:.1f}, or null"
+    quiet = of_pair.noise(equations, **catalog.parameters("kbr_phase_centre").for_stage("noise"))
+    density = [1e3 * np.sqrt(np.interp(f, quiet["frequency"], quiet["model"])) for f in (3e-3, 4e-3, 5e-3)]
+    mean = 1e-3 * document["share"][0]["range_um"]["none"]
+    yield "range minus orbit at 3, 4, 5 mHz", f"{numbers(density, '.2f')} mm/sqrt(Hz)", "0.32 at 4"
+    yield "  mean from 2.5 to 5 mHz", f"{mean:.2f} mm/sqrt(Hz)", ""
+    for name, one in (("as measured", as_measured(equations)), ("smoothed", 1e-3 * rows["column"].values)):
+        value, sigma = regressed(rows, rows["observed"].values, one)
+        text = ", ".join(f"{value[k]:.0f} +- {sigma[k]:.0f}" for k in HELD)
+        yield f"x by pointing {name}", f"{text} mm", SAID[f"x {name}"]
+    value, sigma, share = trap(rows, equations, soe)
+    behind = numbers(1e3 * behind_correction(aligned, pointed).value, ".2f").split()
+    for k, letter in enumerate(source.satellite):
+        text = ", ".join(f"{value[i]:.2f} +- {sigma[i]:.2f}" for i in (2 * k, 2 * k + 1))
+        yield f"{letter}: y, z by 10 to 40 mHz, x held", f"{text} mm", SAID["trap"][k]
+        yield "  behind the file's correction", f"{' '.join(behind[3 * k : 3 * k + 3])} mm", SAID["behind"][k]
+    yield "share of the correction, 10 to 40 mHz", "{:.2f} +- {:.2f}".format(*share), "about 0"
+
+
+def trap(rows, equations, held):
+    """y, z of both (4,) mm with x held, their sigmas, and (share, sigma) of the correction, where pointing is noise."""
+    step, time, (low, high) = model.step_of(rows), rows["time"].values, TRAP_HZ
+    even = np.arange(time[0], time[-1] + step, step)
+    grid = np.stack([np.interp(even, time, one - one[0]) for one in as_measured(equations).T], axis=1)
+    noisy = noise.filtered(grid, step, lambda f: (f >= low) & (f < high))[np.rint((time - time[0]) / step).astype(int)]
+    observed = rows["observed"].values
+    value, sigma = regressed(rows, observed - noisy[:, HELD] @ held[HELD], noisy[:, FREE])
+    return value, sigma, np.ravel(regressed(rows, observed, (noisy @ held)[:, None]))
+
+
+def regressed(rows, observed, column):
+    """Sizes and sigmas of columns (n, q) of a range (n,)."""
+    information, right = normal(rows, observed, column)
+    covariance = least_squares.covariance(information)
+    return covariance @ right, np.sqrt(np.diag(covariance))
+
+
+def behind_correction(aligned, pointed):
+    """Phase centres (6,) m that the antenna correction of the file was made with, without a free bias."""
+    second = np.rint(aligned["time_kbr"].values - pointed["time"].values[0]).astype(int)
+    given = aligned["antenna_correction"].values
+    inside = (second >= 0) & (second < pointed.sizes["time"]) & np.isfinite(given)
+    line = np.concatenate(list(pointed["line_of_sight_b"].values[:, second[inside]]), axis=1)
+    known = np.isfinite(line).all(axis=1)
+    return robust.solve(given[inside][known], line[known], (2.0, 5.0), 6)
+
+
 def one_day(settings, seed):
     """Errors (4,) mm of y and z, sigmas; errors with noisy pointing, x free and held; shares over sigma by band."""
     invented = catalog.parameters("simulate_ranging").with_settings(SETTINGS | settings)
-    columns, truth = simulation.simulate("CD", invented, DAY, 40_000 + seed, {})
+    columns, truth = simulation.simulate("CD", invented, DAY, seed, {})
     rows, equations, one = process(columns, truth)
     true = np.concatenate([truth["phase_centre_mm"][letter][1:] for letter in "CD"])
     noisy, held = undiluted(rows, equations)
     share = (one["share"].values - one["expected"].values) / np.sqrt(np.diag(one["share_covariance"].values))
-    if not np.isnan(one["value"].values[[0, 3]]).all():
-        raise ValueError(f"seed {seed}: x is determined without a wiggle")
     return one["value"].values[FREE] - true, one["sigma"].values[FREE], noisy - true, held - true, share[1:]
 
 
@@ -95,12 +182,6 @@ def process(columns, truth):
 
 def undiluted(rows, equations):
     """The same (4,) of y and z, mm, with pointing as measured as the regressor: x free, and x held at the catalogue."""
-    chosen = catalog.parameters("ranging").for_stage("estimate")
-    chosen.pop("determined_limit_mm")
-    column = 1e-3 * equations["column"].values[equations["arc"].values == -1]
-    parts = model.blocks(rows, **chosen, beside=column)
-    information, right, _ = model.equations_of(parts, rows, rows["observed"].values, column)
-    normal, side = information.sum(axis=0), right.sum(axis=0)
-    held = np.array([catalog.satellite(x).com_to_antenna.value[0] for x in "CD"]) * 1e3
-    fixed = np.linalg.solve(normal[np.ix_(FREE, FREE)], side[FREE] - normal[np.ix_(FREE, [0, 3])] @ held)
-    return np.linalg.solve(normal, side)[FREE], fixed
+    matrix, side = normal(rows, rows["observed"].values, as_measured(equations))
+    fixed = side[FREE] - matrix[np.ix_(FREE, HELD)] @ held_mm("CD")[HELD]
+    return np.linalg.solve(matrix, side)[FREE], np.linalg.solve(matrix[np.ix_(FREE, FREE)], fixed)

@@ -1,5 +1,7 @@
-"""Parts of the work against the best public peer, both timed in turn in the same run."""
+"""Parts of the work against the best public peer, both timed in turn in the same run; a page from click to picture."""
 
+import os
+import subprocess
 import tempfile
 import warnings
 from pathlib import Path
@@ -8,107 +10,67 @@ import numpy as np
 
 from benchmarks import stopwatch as watch
 from benchmarks.gradient_torque import orbit_points
-from benchmarks.tables import Figure, at_least, at_most, of_tests, show, title
+from benchmarks.tables import CLI, Figure, at_least, at_most, of_tests, show, title
 
 EPOCHS = 172_800  # two a second for a day
-RECORDS, START = 864_000, 738849600  # of a day of ACC1A at 10 Hz, 2023-06-01
+RECORDS = 864_000  # of a day of ACC1A at 10 Hz
+COUNT = 16_000_000  # samples of a series
+DRAWN = "const p = document.querySelector('.plot'); return p && p.dataset.state === 'drawn' ? p.dataset.ms : null"
 
 
 def readers(options) -> list[Figure]:
     """A full day of ACC1A to arrays with GPS time, flags and checks, against polars reading the bytes as numbers."""
     import polars
 
+    from flows import com_offset
+    from gravcal.calibrations.align import gps_tags
     from gravcal.io.readers import read
 
     title(f"readers: ACC1A of a day, {RECORDS:,} records")
     with tempfile.TemporaryDirectory() as folder:
-        path = _full_day(folder)
+        com_offset.CALIBRATION.simulate(folder, seed=1, truth=None, effects={}, settings={"span": "day"})
+        path, *clocks = (next(Path(folder).glob(f"{name}_*")) for name in ("ACC1A", "TIM1B", "CLK1B"))
         head = path.read_bytes().partition(b"# End of YAML header\n")[0].count(b"\n") + 1
+        clocks = [read(clock) for clock in clocks]
         work = {
             "polars": lambda: polars.read_csv(path, separator=" ", has_header=False, skip_lines=head),
-            "read": lambda: read(path),
-            "GPS time": lambda: _to_gps(path),
+            "GPS time": lambda: gps_tags(read(path), *clocks, 20.0).time,
         }
-        spent, size = watch.interleaved(work, options.rounds), path.stat().st_size / 1e6
+        spent = watch.interleaved(work, options.rounds)
     ratio = watch.ratios(spent["GPS time"], spent["polars"])
     return show(
         [
-            Figure("size of the file", f"{size:.0f} MB"),
             watch.seconds("polars alone", spent["polars"]),
-            watch.seconds("read: arrays, flags, checks", spent["read"]),
-            watch.seconds("the same with GPS time", spent["GPS time"]),
+            watch.seconds("read: arrays, flags, checks, GPS time", spent["GPS time"]),
             at_most("read with GPS time / polars", watch.middle(ratio), 2.0, "", watch.span(ratio)),
         ],
         "min .. max",
     )
 
 
-def _full_day(folder):
-    """A day of ACC1A in the layout, step and noise of the real files."""
-    from gravcal.io.writers import write
-
-    rng = np.random.default_rng(20230601)
-    ticks = 7739 + np.rint(np.arange(RECORDS) * 99991.03654).astype(np.int64)
-    means = {"x": (-2.8e-7, 1.3e-4), "y": (-1.06e-5, -7.8e-4), "z": (-1.8e-7, 1.2e-5)}
-    columns = {"rcvtime_intg": START + ticks // 10**6, "rcvtime_frac": ticks % 10**6}
-    for axis, (linear, angular) in means.items():
-        columns[f"lin_accl_{axis}"] = linear + rng.normal(scale=1e-9, size=RECORDS)
-        columns[f"ang_accl_{axis}"] = angular + rng.normal(scale=3e-8, size=RECORDS)
-    columns["icu_blk_nr"] = (ticks // 10**6).astype(float)
-    return write(columns, Path(folder) / "ACC1A_2023-06-01_C_04.txt")
-
-
-def _to_gps(path):
-    """What the project needs of the file: arrays with flags, checks and GPS time."""
-    from gravcal.estimation import timing
-    from gravcal.io.readers import read
-
-    observed, limits = read(path), (20.0, 20.0, 1e-3)
-    seconds = START + 10 * np.arange(-1, 8642)
-    none = np.zeros(len(seconds))
-    on_board = timing.tim1b_clock(seconds, seconds, none, none.astype(int))
-    receiver = timing.clk1b_clock(seconds, none - 0.016671, none, none.astype(int))
-    tags = timing.Tags(observed.time_second.values, observed.time_fraction.values)
-    tags, lost = timing.converted(tags, on_board, *limits)
-    tags, lost_too = timing.converted(tags, receiver, *limits)
-    return observed, tags.time, lost | lost_too
-
-
 def attitude(options) -> list[Figure]:
     """Attitude and state transition of one manoeuvre, against scipy's DOP853 restarted at every edge."""
-    from gravcal.physics import dynamics, frames
+    from gravcal.physics.dynamics import integrate_with_sensitivity
 
     title("attitude: 180 s of square wave, attitude and 6 x 6 state transition at 1 Hz")
     peer = of_tests("physics.physics_references")
     state, torque, at = peer.manoeuvre()
 
-    def ours():
-        return dynamics.integrate_with_sensitivity(at, state, torque)
+    work = integrate_with_sensitivity, peer.attitude_by_scipy, (at, state, torque)
+    return show(against("scipy DOP853", *work, options.rounds, 50), "min .. max")
 
-    def scipys():
-        return peer.attitude_by_scipy(at, state, torque)
 
-    spent = watch.interleaved({"ours": lambda: [ours() for _ in range(20)], "scipy": scipys}, options.rounds)
+def against(name, ours, peer, given, rounds, wanted):
+    """Times of two functions of the same, ours and a peer's, and their ratio, round by round; ours 20 times in each."""
+    work = {"ours": lambda: [ours(*given) for _ in range(20)], "peer": lambda: peer(*given)}
+    spent = watch.interleaved(work, rounds)
     spent["ours"] = [s / 20 for s in spent["ours"]]
-    (quaternion, rate, _, sensitivity), (states, transition) = ours(), scipys()
-    angle = np.abs(frames.attitude_error(quaternion, states[:, :4])).max()
-    return show(
-        [
-            watch.seconds("gravcal", spent["ours"]),
-            watch.seconds("scipy DOP853", spent["scipy"]),
-            _faster("scipy / gravcal", spent["scipy"], spent["ours"], 50),
-            at_most("difference of attitude", float(angle), 1e-11, " rad"),
-            at_most("difference of rate", float(np.abs(rate - states[:, 4:]).max()), 1e-13, " rad/s"),
-            at_most("difference of the transition", float(np.abs(sensitivity[..., :6] - transition).max()), 1e-8),
-        ],
-        "min .. max",
-    )
-
-
-def _faster(name, peer, ours, wanted):
-    """Ratio peer over ours, round by round."""
-    ratio = watch.ratios(peer, ours)
-    return at_least(name, watch.middle(ratio), wanted, "", watch.span(ratio))
+    ratio = watch.ratios(spent["peer"], spent["ours"])
+    return [
+        watch.seconds("gravcal", spent["ours"]),
+        watch.seconds(name, spent["peer"]),
+        at_least(f"{name} / gravcal", watch.middle(ratio), wanted, "", watch.span(ratio)),
+    ]
 
 
 def field(options) -> list[Figure]:
@@ -117,22 +79,58 @@ def field(options) -> list[Figure]:
 
     title(f"field: IGRF-14 at {EPOCHS:,} epochs with their own times, along an orbit")
     peer = of_tests("physics.physics_references")
-    time, position = 633787200.0 + 0.5 * np.arange(EPOCHS), orbit_points(EPOCHS, 0.5)
+    given = 633787200.0 + 0.5 * np.arange(EPOCHS), orbit_points(EPOCHS, 0.5), 14
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        rounds, chaos = max(options.rounds // 2, 2), peer.field_by_chaosmagpy
+        figures = against("ChaosMagPy", magnetic.field_e, chaos, given, rounds, 10)
+        difference = float(np.abs(magnetic.field_e(*given) - chaos(*given)).max() * 1e9)
+    return show([*figures, at_most("largest difference, calendar apart", difference, 0.01, " nT")], "min .. max")
 
-    def chaos():
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            return peer.field_by_chaosmagpy(time, position)
 
-    work = {"ours": lambda: magnetic.field_e(time, position, 14), "chaos": chaos}
-    spent = watch.interleaved(work, max(options.rounds // 2, 2))
-    difference = float(np.abs(work["ours"]() - chaos()).max() * 1e9)
+def browse(options) -> list[Figure]:
+    """From the click to the picture: a new server and a new page each time, with the file in memory and on the disk."""
+    user = of_tests("browse.chromium")
+    title(f"browse: page of a product with three series of {COUNT:,} samples, from the click to the picture")
+    if user.missing():
+        return show([Figure("opened in Chromium", f"not measured: {user.missing()}")])
+    with tempfile.TemporaryDirectory() as folder, user.chromium(f"{folder}/profile") as browser:
+        ref = product(folder)
+        page = f"/product/{ref.key}?variable=acceleration_b"
+        held = [opened(user, browser, folder, page) for _ in range(options.rounds)]
+        cold = []
+        for _ in range(options.rounds):
+            with ref.path.open("rb") as file:  # the system drops its copy, so that the next reader waits for the disk
+                os.fsync(file.fileno())
+                os.posix_fadvise(file.fileno(), 0, 0, os.POSIX_FADV_DONTNEED)
+            cold.append(opened(user, browser, folder, page))
     return show(
         [
-            watch.seconds("gravcal", spent["ours"]),
-            watch.seconds("ChaosMagPy", spent["chaos"]),
-            _faster("ChaosMagPy / gravcal", spent["chaos"], spent["ours"], 10),
-            at_most("largest difference, calendar apart", difference, 0.01, " nT"),
+            at_most("file in memory", watch.middle(held), 1.0, " s", watch.span(held)),
+            at_most("file on the disk only", watch.middle(cold), 1.0, " s", watch.span(cold)),
         ],
         "min .. max",
     )
+
+
+def product(folder):
+    """Reference of the one product of a new store, three noisy series and their times."""
+    shop = of_tests("browse.invented_store")
+    os.environ["GRAVCAL_PRODUCTS"] = folder
+    made = shop.dataset(COUNT)
+    made["acceleration_b"].values[:] = np.random.default_rng(1).standard_normal((COUNT, 3))
+    return shop.put(f"{shop.EVENT}/com_offset.align", made)
+
+
+def opened(user, browser, folder, page) -> float:
+    """Seconds from asking a new server for a page until its figure is drawn, by the page's own clock."""
+    environment = os.environ | {"GRAVCAL_PRODUCTS": folder}
+    command = [*CLI, "browse", "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, env=environment) as server:
+        try:
+            address = server.stdout.readline().split()[-1]
+            browser.get(address)  # the first answer comes when the server is up
+            browser.get(address.rstrip("/") + page)
+            return float(user.wait(browser, lambda one: one.execute_script(DRAWN))) / 1e3
+        finally:
+            server.terminate()

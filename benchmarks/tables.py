@@ -3,6 +3,7 @@
 import importlib
 import multiprocessing
 import sys
+import tomllib
 from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
@@ -12,6 +13,7 @@ import numpy as np
 from scipy import stats
 
 ROOT = Path(__file__).parents[1]
+STUDIES = tomllib.loads((ROOT / "benchmarks" / "studies.toml").read_text())
 CLI = [sys.executable, "-m", "flows.cli"]
 FALSE_ALARM = 0.01  # chance that any statistic of a study leaves its interval though all is right
 
@@ -34,6 +36,18 @@ def cases(function: Callable, jobs: Iterable, workers: int):
         return
     with ProcessPoolExecutor(workers, multiprocessing.get_context("spawn")) as pool:
         yield from pool.map(function, jobs)
+
+
+def parts(function: Callable, jobs: Iterable, workers: int) -> list[np.ndarray]:
+    """What a function says of each job, part by part: arrays whose first axis is that of the jobs."""
+    return [np.array(part) for part in zip(*cases(function, jobs, workers), strict=True)]
+
+
+def study(options, default: int, words: str, function: Callable, first: int = 0) -> list[np.ndarray]:
+    """Heading of a study of so many seeds, and what a function says of each, part by part."""
+    count = options.runs or default
+    title(words.format(count))
+    return parts(function, range(first, first + count), options.workers)
 
 
 def of_tests(name: str):
@@ -93,9 +107,10 @@ def summary(figures: list[Figure]) -> None:
     say()
 
 
-def at_most(name: str, value: float, limit: float, unit: str = "", spread: str = "") -> Figure:
-    """Figure whose target is an upper limit."""
-    return Figure(name, f"{value:.3g}{unit}", spread, f"<= {limit:g}{unit}", bool(value <= limit))
+def at_most(name: str, value: float, limit: float | None, unit: str = "", spread: str = "") -> Figure:
+    """Figure whose target, if it has one, is an upper limit."""
+    target = () if limit is None else (f"<= {limit:g}{unit}", bool(value <= limit))
+    return Figure(name, f"{value:.3g}{unit}", spread, *target)
 
 
 def at_least(name: str, value: float, limit: float, unit: str = "", spread: str = "") -> Figure:
@@ -127,10 +142,17 @@ def rms_figure(name: str, ratio, family: int = 1, more: str = "", *, judged: boo
     """Root mean square of errors over their sigma (n,), and what chance allows it; what is not judged has no target."""
     ratio = np.asarray(ratio)[np.isfinite(ratio)]
     value, (low, high) = float(rms(ratio)), interval(ratio.size, family)
-    spread = f"+- {value / np.sqrt(2 * ratio.size):.3f}{more}"
-    if not judged:
-        return Figure(name, f"{value:.3f}", spread)
-    return Figure(name, f"{value:.3f}", spread, f"{low:.3f} .. {high:.3f}", low <= value <= high)
+    target = (f"{low:.3f} .. {high:.3f}", low <= value <= high) if judged else ()
+    return Figure(name, f"{value:.3f}", f"+- {value / np.sqrt(2 * ratio.size):.3f}{more}", *target)
+
+
+def scatter_figure(name: str, ratio, family: int, *, judged: bool = True) -> Figure:
+    """Scatter of errors over their lower bound (n,): at most 1.1, chance allowed for."""
+    ratio = np.asarray(ratio)[np.isfinite(ratio)]
+    dof, value = ratio.size - 1, float(ratio.std(ddof=1))
+    limit = 1.1 * np.sqrt(stats.chi2.ppf(1 - FALSE_ALARM / family, dof) / dof)
+    target = (f"<= 1.10 ({limit:.2f})", bool(value <= limit)) if judged else ()
+    return Figure(f"scatter/Cramer-Rao {name}", f"{value:.3f}", f"+- {value / np.sqrt(2 * dof):.3f}", *target)
 
 
 def bias_figure(name: str, ratio) -> Figure:

@@ -21,6 +21,9 @@ def test_drag_by_quaternions_is_the_plain_reading(capsys):
 
 
 def test_orbital_harmonics_over_three_minutes_are_one_column():
-    """Published: condition number 2.6e6 (erratum C-7); a quadratic has 2."""
-    assert 2.4e6 < np.linalg.cond(study.fourier(97.13 * 60)) < 2.8e6
-    assert np.linalg.cond(study.quadratic()) < 3
+    """Published: eq. 32 beside the signal, condition number 2.6e6 (erratum C-7); a quadratic has 2."""
+    share = np.linspace(-1, 1, 1800)  # of 180 s
+    wave, phase = np.sign(np.sin(2 * np.pi * 7.5 * share)), 2 * np.pi * (share + 1) * 90 / (97.13 * 60)
+    harmonics = [f(n * phase) for n in (1, 2) for f in (np.sin, np.cos)]
+    assert 2.4e6 < np.linalg.cond(np.stack([wave, share**0, *harmonics], axis=1)) < 2.8e6
+    assert np.linalg.cond(np.stack([wave, share**0, share, 1.5 * share**2 - 0.5], axis=1)) < 3

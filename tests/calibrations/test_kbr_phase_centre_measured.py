@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from benchmarks.measured import behind_correction
+from benchmarks.ranging import behind_correction
 from gravcal import catalog
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre import model

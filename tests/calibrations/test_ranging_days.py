@@ -8,7 +8,7 @@ import pytest
 import seeds
 from scipy import stats
 
-from benchmarks import measured
+from benchmarks import ranging
 from flows.calibration import load
 from gravcal import catalog
 
@@ -42,8 +42,8 @@ def test_errors_are_those_of_the_reported_sigma(tmp_path):
         assert [one is None for one in found] == [True, False, False] * 2
         errors += [(one["value"] - true) / one["sigma"] for one, true in zip(found, truth, strict=True) if one]
         assert document["status"] == "delivered", seed
-        source, _, _, equations, rows = measured.records(tmp_path / f"{k}")
-        held, sigma, _ = measured.trap(rows, equations, measured.held_mm(source))
+        source, _, _, equations, rows = ranging.records(tmp_path / f"{k}")
+        held, sigma, _ = ranging.trap(rows, equations, ranging.held_mm(source.satellite))
         trapped += list((held - truth[[1, 2, 4, 5]]) / sigma)
     assert np.sum(np.square(trapped)) > 10 * len(trapped), seed
     low, high = stats.chi2.ppf([1e-4, 1 - 1e-4], len(errors))

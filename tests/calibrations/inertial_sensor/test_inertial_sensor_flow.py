@@ -147,7 +147,7 @@ def test_the_error_of_a_turned_tracker_is_in_factors_and_offset(tmp_path):
 def test_swings_come_back_with_honest_errors():
     """Recovery: ten swings, error/sigma of six values within chi-square intervals (family-wise 1 %)."""
     rows = zip(*(study.one_swing(seed, bounds=0) for seed in range(10)), strict=True)
-    error, sigma, _, size, _ = (np.array(part) for part in rows)
+    error, sigma, _, size, *_ = (np.array(part) for part in rows)
     low, high = interval(10, 12)
     ratio = rms(error / sigma)
     assert np.all((low < ratio) & (ratio < high)), ratio
