@@ -112,21 +112,16 @@ def test_events_break_a_tie_that_each_of_them_leaves(rng):
     assert [row["cause"] for row in hard.ties if row["tied"]] == [SLUGS[1 - hard.law.cause]]
 
 
-def test_an_event_that_contradicts_is_named_and_moves_no_other(rng):
-    """It has a value of its own."""
-    found = joint.Search(events(rng, LAWS["contradicted"]), 0.005, 9.0, 4).run()
-    assert [row["event"] for row in found.contradicting] == ["grace-c-2020-04-01"]
+@pytest.mark.parametrize(
+    ("law", "days", "values"),
+    [("contradicted", ("04-01",), [-0.1]), ("thrice", ("02-01", "04-01", "06-15"), [0.2, 0.2, 0.2])],
+)
+def test_events_that_contradict_are_named_each_and_move_no_other(law, days, values, rng):
+    """They have values of their own: three of sixteen do not make a cause that is different in all."""
+    found = joint.Search(events(rng, LAWS[law]), 0.005, 9.0, 4).run()
+    assert sorted(row["event"] for row in found.contradicting) == [f"grace-c-2020-{day}" for day in days]
     (one,) = found.named
-    assert one.value[:, 0] == pytest.approx([0.05, -0.1], abs=0.03)
-
-
-def test_several_events_that_contradict_are_named_each(rng):
-    """They are set apart one by one: three of sixteen do not make a cause that is different in all."""
-    found = joint.Search(events(rng, LAWS["thrice"]), 0.005, 9.0, 4).run()
-    names = [f"grace-c-2020-{day}" for day in ("02-01", "04-01", "06-15")]
-    assert sorted(row["event"] for row in found.contradicting) == names
-    (one,) = found.named
-    assert one.value[:, 0] == pytest.approx([0.05, 0.2, 0.2, 0.2], abs=0.03)
+    assert one.value[:, 0] == pytest.approx([0.05, *values], abs=0.03)
 
 
 @pytest.mark.parametrize(("size", "least", "most"), [(5.0, 0.75, 1.4), (0.0, 0.6, 1.1)])
@@ -178,24 +173,6 @@ def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):
     assert same.startswith("C and D: accelerometer: current leak in both, values agree (chi-square 0.0 of ")
     other["causes"][0]["values"][1]["parameters"]["x_from_x"]["value"] += 1.0
     assert "values differ" in report.shared([after, other])[0]
-
-
-@pytest.mark.parametrize(
-    ("steps", "slope", "told"),
-    [
-        ([{"date": "2021-04-12", "value": 28.2, "found": False}], 3.0, "trim of 2021-04-12 explains 28"),
-        ([], 45.0, "its slope explains 28"),
-        ([{"date": "2020-01-01", "value": 28.0, "found": True}], 1.0, "neither trim nor slope explains it"),
-    ],
-)
-def test_a_note_says_what_moved_beyond_its_error_and_why(steps, slope, told):
-    """The sentence of an operator: how far, since when, and what explains how much of it."""
-    days = {"2020-10-01": (1.0, 2.4), "2021-05-20": (32.0, 3.2)}
-    about = {"calibration": "com_offset", "unit": "um", "parameters": ["z"], "causes": [], "contradicting": []}
-    events = [{"event": d, "time": report.seconds(d), "value": [v], "sigma": [s]} for d, (v, s) in days.items()]
-    motion = {"z": {"steps": steps, "slope_per_year": {"value": slope, "sigma": 2.0}}}
-    (line,) = report.changes(about | {"events": events[:1]}, about | {"events": events, "motion": motion})
-    assert line == f"com_offset z moved by 31.0 ± 4.0 um since 2020-10-01: {told}"
 
 
 def test_a_parameter_follows_the_fuel_where_it_is_told(rng):

@@ -213,20 +213,29 @@ def test_gain_of_a_step_is_that_of_least_squares():
         assert gain == pytest.approx(left[0] - left[1], rel=1e-9)
 
 
-def test_gain_of_a_line_is_that_of_least_squares():
-    """Analytic: cosine and sine on one axis, beside drifts and the shared column; on all axes the sum."""
-    (block,) = blocks_of(np.random.default_rng(3))[:1]
+@pytest.mark.parametrize("shake", [0.0, 0.3])
+def test_gain_of_a_line_is_that_of_least_squares(shake):
+    """Analytic: cosine and sine on one axis, beside drifts and the shared column; on all axes the sum.
+
+    Even records with a gap are transformed, others are multiplied.
+    """
+    rng = np.random.default_rng(3)
+    (block,) = blocks_of(rng)[:1]
+    block = replace(block, time=block.time + np.tile(shake * rng.uniform(0, 1, 80), 3))
+    rows = np.flatnonzero(~np.isin(block.time // 1, [7, 40, 41]))
+    names = ("observed", "global_columns", "local_columns", "channel", "axis", "time")
+    block = replace(block, steps={}, **{name: getattr(block, name)[rows] for name in names})
     problem, baseline = prepare([block], []), np.array([1])
-    rest, grid = residuals_of(problem, baseline, observed_rows(problem)), np.array([0.03, 0.11, 0.2])
+    rest, grid = residuals_of(problem, baseline, observed_rows(problem)), scan.frequencies([block], "linear")
     gain, dof = scan.line_gains(problem, baseline, rest, "linear", grid)
     plain = np.concatenate([block.local_columns, block.global_columns], axis=1)
-    for axis, at in itertools.product(range(3), range(3)):
+    for axis, at in itertools.product(range(3), (3, 11, 20)):
         waves = np.stack([np.cos(turn := 2 * np.pi * grid[at] * block.time), np.sin(turn)], axis=1)
         both = np.concatenate([plain, np.where(block.axis[:, None] == axis, waves, 0.0)], axis=1)
         left = [np.linalg.lstsq(m, block.observed)[1][0] for m in (plain, both)]
         assert gain[axis, at, 0] == pytest.approx(left[0] - left[1], rel=1e-6)  # of the ridge
     assert_allclose(gain[3], gain[:3].sum(axis=0))
-    assert dof.tolist() == [[2] * 3] * 3 + [[6] * 3]
+    assert dof.tolist() == [[2] * grid.size] * 3 + [[6] * grid.size]
 
 
 def three_blocks(rng, added):
@@ -309,21 +318,3 @@ def test_a_line_that_drifts_from_block_to_block_is_one_excess_of_a_channel_with_
     assert ends == pytest.approx([0.04, 0.14], abs=2e-3)
     noise = [replace(b, observed=rng.standard_normal(300)) for b in blocks]
     assert search(noise, [], CHOICE, np.random.default_rng(1)).findings == []
-
-
-@pytest.mark.parametrize("shake", [0.0, 0.3])
-def test_waves_of_a_record_are_products_with_cosine_and_sine(shake):
-    """Analytic: of even records with a gap by a transform, of others one by one; both are the sums that they stand for.
-
-    A day has as many frequencies as records: columns of 43,200 by 38,880 would be 13 GB, and none are kept.
-    """
-    rng = np.random.default_rng(5)
-    time = np.delete(1e5 + 0.5 * np.arange(400.0), [7, 120, 121])
-    time = time + shake * 0.5 * rng.uniform(0, 1, time.size)
-    block = Block("one", *[np.zeros((time.size, 0))] * 3, np.array(["a"] * time.size), np.zeros(time.size), time)
-    grid, signals = scan.frequencies([block], "a"), rng.standard_normal((time.size, 2))
-    phase = 2 * np.pi * np.outer(time - time[0], grid)
-    waves = np.stack([np.cos(phase), np.sin(phase)], axis=2)
-    made = scan.waves_at(time, grid)
-    assert made(signals) == pytest.approx(np.einsum("nfk,nq->fkq", waves, signals), abs=1e-8)
-    assert scan._squares(time, grid) == pytest.approx(np.einsum("nfk,nfl->fkl", waves, waves), abs=1e-8)
