@@ -243,50 +243,6 @@ def test_a_shape_is_fitted_between_the_grid_and_a_strong_wave_is_one_name():
     assert abs(result.problem.candidates[found.index].shape.value[0] - 0.1511) < 1e-4
 
 
-def decays(rng, tau):
-    """Four blocks with a decay exp(-t / tau) from an epoch of their own between two rows; forms of three lags."""
-    blocks, _ = made(rng)
-    time, starts = np.arange(300.0), rng.uniform(50, 51, 4)
-
-    def one(lag, start):
-        return np.where(time >= start, np.exp(-(time - np.minimum(start, time)) / lag), 0.0)
-
-    for block, start in zip(blocks, starts, strict=True):
-        block.observed[:] += 12 * one(tau, start)
-    tried = np.linspace(50, 51, 41)
-
-    def inside(value, rest, bases):
-        chosen = []
-        for residual, basis in zip(rest, bases, strict=True):
-            rows = 12 * np.stack([one(value[0], s) for s in tried], axis=1)
-            rows -= basis @ (basis.T @ rows)
-            chosen.append(tried[np.argmax(2 * residual[:, 0] @ rows - np.sum(rows**2, axis=0))])
-        return np.array(chosen)
-
-    columns = lambda v, at: [12 * one(v[0], s)[:, None] / v[0] for s in at]  # noqa: E731
-    found = []
-    for lag in (1.0, 2.0, 4.0):
-        fixed = (("tau",), ("s",), np.array([lag]), columns, lag * np.geomspace(0.5, 2, 7)[:, None])
-        shape = Shape(*fixed, np.array([0.1]), np.array([20.0]), inside=inside, sized=True)
-        begun = columns(np.array([lag]), np.full(4, 50.5))
-        found.append(Candidate("case.decay", f"tau {lag} s", ["tau"], ["s"], begun, shape=shape))
-    return blocks, found, starts
-
-
-def test_a_size_that_is_its_shape_is_fitted_with_the_numbers_of_the_blocks():
-    """Recovery: a lag with an epoch a block; squared errors over variance of 20 draws within the 0.01 % points."""
-    rng, errors = np.random.default_rng(22), []
-    for _ in range(20):
-        tau = rng.uniform(1.5, 3.0)
-        blocks, candidates, starts = decays(rng, tau)
-        result = search(blocks, candidates, CHOICE, rng)
-        (found,) = result.findings
-        shape = result.problem.candidates[found.index].shape
-        assert np.all(np.abs(shape.chosen - starts) < 1.0)
-        errors.append((shape.value[0] - tau) / np.sqrt(shape.covariance[0, 0]))
-    assert 4.4 < np.sum(np.square(errors)) < 52.4
-
-
 def test_forms_that_the_data_leave_open_are_in_the_error_of_the_calibration():
     """Recovery: of two parameters only the sum is seen, their difference is a shared one; 24 draws of either alone."""
     rng, errors = np.random.default_rng(23), []
