@@ -15,9 +15,7 @@ from flows.engine import other_store
 from gravcal import catalog
 from gravcal.discovery import design
 from gravcal.errors import GravcalError
-from gravcal.estimation import least_squares
 from gravcal.estimation.records import Block, Candidate
-from gravcal.physics import sensing
 from gravcal.simulation import com_offset, kbr_phase_centre
 from gravcal.simulation import flight as flight_of
 from gravcal.store import configurations
@@ -69,51 +67,6 @@ def test_a_design_by_several_draws_is_near_the_best_in_the_worst_of_them():
     counts = design.chosen(whole, 4, np.full(6, 4))
     assert worst(counts) < 1.1 * min(map(worst, every))
     assert all(trace(whole, counts) <= 1.02 * trace(whole, other) for other in by_one)
-
-
-@pytest.mark.parametrize("driven", [(25.0, 30.0), (20.0 / 1.1, 24.0 / 1.1, 20.0)])
-def test_phases_of_a_swing_are_not_worth_a_choice(driven):
-    """Errors of offset and k_y beside the drift: no phases are better than those of the swing that is flown."""
-    time, found = np.arange(0, 200, 0.5), []
-    drift = least_squares.polynomial(time, 3, time[0], time[-1])
-    for phases in itertools.product((0.0,), *([0.0, 0.8, 1.6, 2.4, 3.1] for _ in driven[1:])):
-        square = [np.sign(np.cos(2 * np.pi * time / p + f)) for p, f in zip(driven, phases, strict=True)]
-        rate_dot = np.zeros((time.size, 3))
-        rate_dot[:, : len(driven)] = 1.6e-5 * np.array(square).T
-        rate = 0.5 * np.cumsum(rate_dot, axis=0)
-        rate -= rate.mean(axis=0) + [0.0, 1.1e-3, 0.0]
-        tensor = sensing.offset_tensor(rate, rate_dot, np.zeros((time.size, 3, 3)))
-        of_k = (tensor @ [-140e-6, 627e-6, -896e-6])[:, :, None] * [[0.0], [1.0], [0.0]]
-        columns = np.concatenate([tensor, of_k], axis=2) / np.array([2.8e-8, 6e-9, 4.4e-9])[:, None]
-        left = np.concatenate([least_squares.without(drift, columns[:, axis]) for axis in range(3)])
-        found.append(np.diag(np.linalg.inv(left.T @ left)))
-    assert np.sqrt(np.min(found, axis=0)) == pytest.approx(np.sqrt(found[0]), rel=0.01)
-    assert np.sqrt(np.max(found, axis=0)) == pytest.approx(np.sqrt(found[0]), rel=0.04)
-
-
-def test_ways_north_and_south_tell_the_same():
-    """The body turns by 180 deg about z: the field's x and y change sign, and of the information only correlations."""
-    rng, inertia = np.random.default_rng(9), np.array([85.0, 400.0, 450.0])
-    for rod, field in itertools.product(np.eye(3), rng.standard_normal((20, 3))):
-        found = []
-        for seen in (field, field * [-1.0, -1.0, 1.0]):
-            rate_dot = np.cross(rod, seen) / inertia
-            tensor = sensing.offset_tensor(np.zeros((1, 3)), rate_dot[None], np.zeros((1, 3, 3)))[0]
-            rows = tensor / np.array([[1.0], [2.0], [3.0]])
-            found.append(rows.T @ rows)
-        assert np.allclose(np.diag(found[0]), np.diag(found[1]))
-        assert np.allclose(np.abs(found[0]), np.abs(found[1]))
-
-
-def test_phases_of_a_wiggle_are_not_worth_a_choice():
-    """What 15 whole periods tell of x, y and z beside the slow orbit error, with offset or without, at any phase."""
-    time = np.arange(0, 3750, 5.0)
-    slow = least_squares.polynomial(time, 10, time[0], time[-1])
-    for offset in (0.0, 2.0):
-        angle = [offset + 1.71 * np.sin(2 * np.pi * time / 250 + f) for f in np.arange(0, 6, 0.5)]
-        left = [least_squares.without(slow, np.radians(np.stack([a, a**2], axis=1))) for a in angle]
-        sigma = np.sqrt([np.diag(np.linalg.inv(one.T @ one)) for one in left])
-        assert sigma / sigma[0] == pytest.approx(1.0, abs=0.02)
 
 
 def test_a_pair_that_one_manoeuvre_leaves_tied_is_told_apart_by_another():

@@ -1,8 +1,5 @@
 """Views of measured data on simulated records: hidden firings, leaks and steps found, clean data silent."""
 
-import re
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -197,16 +194,6 @@ def test_the_published_table_asks_for_one_coupling_not_for_a_lag_or_a_scale(
         assert measured.left(printed, slug, name) == pytest.approx(left, abs=1)
     yaws, pitches = (measured.apart(printed, more) for name, more in measured.STUDY["more"].items() if "45" in name)
     assert yaws < 1.1 * measured.apart(printed) < 0.6 * pitches  # the current is the same at both latitudes
-
-
-def test_figures_of_days_that_are_not_at_hand_are_said_not_to_be_run(tmp_path, capsys, monkeypatch):
-    """Contract: a line for each, the rest beside what was said."""
-    monkeypatch.setattr(measured, "searched", lambda *_: {})
-    monkeypatch.setitem(measured.STUDY, "variants", ["mtq"])
-    assert measured.measured(SimpleNamespace(out=None, data=tmp_path)) == []
-    lines = capsys.readouterr().out.splitlines()
-    assert sum("not run, inputs missing" in line for line in lines) == len(measured.STUDY["runs"])
-    assert any(re.match(r" +one offset alone +858 +858 1584", line) for line in lines)
 
 
 def test_errors_are_as_large_as_repeated_manoeuvres_differ(rng):

@@ -133,11 +133,3 @@ def test_an_effect_in_no_list_follows_its_driver(rng, tmp_path):
         return None if good else f"seed {seed}: {[(f['cause'], f['form']) for f in found]}"
 
     enough(draw, rng, tmp_path)
-
-
-def test_a_day_without_wiggles_has_nothing_to_discover(rng, tmp_path):
-    """Contract: exit code 3, status no_manoeuvre; no model file."""
-    folder, _ = written(tmp_path, int(rng.integers(1_000_000)), {}, SHORT | {"manoeuvres": ","})
-    code, document = called("discover", folder)
-    assert (code, document["status"]) == (3, "no_manoeuvre")
-    assert not list((tmp_path / "products").rglob("model.toml"))

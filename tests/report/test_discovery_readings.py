@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 
 from gravcal.estimation.quantities import tabled
-from gravcal.report import discovery, pages
+from gravcal.report import discovery
 from gravcal.report import discovery_words as words
 
 PLACE = {"finding": 0, "channel": "linear", "block": "manoeuvre 2", "axis": 1}
@@ -74,20 +74,6 @@ def test_a_panel_shows_reading_and_difference_in_units_and_what_is_not_named_no_
     product = found(follows)
     assert (discovery.reading(product, 1), discovery.caption(product, 1, {})) == (None, "")
     assert discovery.shown(product.drop_vars("linear_measured"), 0) is None
-
-
-def test_the_caption_says_what_the_reading_is():
-    """Contract: reference of the reading, and whether it was put together again; a step is drawn on its page."""
-    assert "low-passed" in discovery.caption(found(follows), 0, {"linear": " It is low-passed."})
-    assert "linear form" in discovery.caption(found(follows, rebuilt="yes"), 0, {})
-    product = found(stepped)
-    one = pages.Figure(lambda given: discovery.reading(given, 0), ("discovery",), discovery.caption(product, 0, {}))
-    assert "Folded" not in one.caption
-    document = {"provenance": {}, "calibration": "case", "event": "case", "origin": "measured", "checks": []}
-    document |= {"configuration": "operational", "status": "delivered", "settings": {}, "verdict": {"text": "Case."}}
-    sections = [pages.Section("The findings", figures=[one])]
-    text = pages.page(document, sections, {"discovery": product}, heading="Case")
-    assert "<img" in text
 
 
 def finding(cause, form="", **parameters):

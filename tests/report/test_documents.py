@@ -9,10 +9,9 @@ import pytest
 import xarray as xr
 
 from gravcal import calibrations
-from gravcal.calibrations import checks, schemas
+from gravcal.calibrations import checks
 from gravcal.report import discovery, documents, pages, plain
 from gravcal.report.figures import BARE, HANN, thinned
-from gravcal.store import product
 
 DOCUMENT = {"status": "delivered", "verdict": {"text": "Delivered: x 1.0 um."}, "settings": {}}
 HEIGHT = checks.at_most("height", 3.0, 2.0, "km")
@@ -43,14 +42,6 @@ def test_the_origin_stands_first(found, origin):
     judged = documents.judged(DOCUMENT, products, [])
     assert judged["origin"] == origin
     assert judged["verdict"]["text"].startswith("Delivered" if origin == "measured" else origin.upper())
-
-
-def test_checks_travel_as_a_product(tmp_path):
-    """Contract: a product of the shared schema gives the same checks back."""
-    product.register("test.checks", schemas.of("shared.toml")["checks"])
-    made = product.check(checks.product([HEIGHT, FIT]), "test.checks")
-    assert checks.of_product(made) == [HEIGHT, FIT]
-    assert checks.of_product(product.check(checks.product([]), "test.checks")) == []
 
 
 def test_what_is_not_determined_becomes_null():
