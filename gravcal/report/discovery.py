@@ -104,27 +104,10 @@ def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Sect
         *([Section("What was found", figures=here)] if any(one.caption for one in here) else []),
         *([cause] if document["findings"] else []),
         Section("The result", [change_table(document), gain_table(document)], notes=[WORDS.note("gain")]),
-        Section("What this event could not have shown", hidden, notes=not_shown(document)),
+        Section("What this event could not have shown", hidden, notes=WORDS.said("not_shown", **document)),
         Section("What is left", [WORDS.table("outliers", document)], [_power, _spectra], wrong),
         Section("What was tried", [WORDS.table("tried", document)]),
     ]
-
-
-def not_shown(document: dict) -> list[str]:
-    """Notes on what would have stayed unseen: by the detection limits where they were made, else by the search."""
-    if "limits" not in document:
-        hidden = "unobservable" if document["indistinguishable_from_calibration"] else "nothing_hides"
-        return [WORDS.note(hidden), WORDS.note("no_limits")]
-    found = {one["cause"] for one in document["findings"]}  # free beside the others, so that nothing more of it shows
-    never = [_named(one) for one in document["limits"] if one["size"] is None and one["cause"] not in found]
-    large = [_named(one) for one in document["limits"] if (one["size"] or 0) > (one["prior"] or np.inf)]
-    rows = ("At no size that was tried", never), ("Only if larger than is plausible", large)
-    return [f"{said}: {'; '.join(names)}." for said, names in rows if names] + [WORDS.note("limits")]
-
-
-def _named(one):
-    """Effect and parameter of a limit."""
-    return f"{words.title(one['cause'])} {one['parameter'].replace('_', ' ')}"
 
 
 def findings_table(numbers: dict) -> Table:

@@ -20,9 +20,16 @@ from gravcal.report.pages import Section
 from gravcal.report.plain import EPOCH, as_plain, number, plus_minus, probability, quantity, signed
 from gravcal.store import product
 
-WORDS = pages.words(__file__, "joint.toml", cause=words.title)
 AHEAD_S, STEP_S = 0.5 * YEAR_S, YEAR_S / 12
 CHANGED = 3.0  # errors of a change from which it is worth a note
+
+
+def _scope(scope):
+    """Scope of a law in words."""
+    return WORDS.notes["scopes"].get(scope, f"follows {scope}")
+
+
+WORDS = pages.words(__file__, "joint.toml", cause=words.title, scope=_scope)
 
 
 def report(search, products, *, history, settings, calibration, event, satellite):
@@ -71,7 +78,7 @@ def report(search, products, *, history, settings, calibration, event, satellite
         "level": search.level,
         "provenance": {"products": {name: product.digest(one)[:12] for name, one in products.items()}},
     }
-    body["verdict"] = {"text": verdict(body)}
+    body["verdict"] = {"text": WORDS.note("verdict", **body)}
     document = documents.delivered(calibration, body, products, [], event=event, settings=settings)
     files = {
         "joint.json": documents.text(document),
@@ -157,29 +164,6 @@ def predicted(moves, times, common=None) -> list[dict]:
     return [
         {"date": day(t), "value": v.tolist(), "sigma": e.tolist()} for t, v, e in zip(times, value, sigma, strict=True)
     ]
-
-
-def verdict(document) -> str:
-    """What was found, in a sentence or two."""
-    count = len(document["events"])
-    said = []
-    for one in document["causes"]:
-        tied = f" (tied with {', '.join(map(words.title, one['tied_with']))})" if one["tied_with"] else ""
-        again, repeats = one["repeats"], ""
-        if count < 4:
-            word = "repeats" if again["said"] else "does not repeat"
-            repeats = f", {word} (chi-square of one value for all {again['chi2']:.1f} of {again['dof']})"
-        said.append(f"{words.title(one['cause'])}, {_scope(one['scope'])}{repeats}{tied}")
-    broken = sorted({row["event"] for one in document["causes"] for row in one["broken"]})
-    text = f"{count} events: " + ("; ".join(said) if said else "no cause that they share") + "."
-    text += f" Ties broken by {', '.join(broken)}." if broken else ""
-    names = sorted({one["event"] for one in document["contradicting"]})
-    return text + (f" Contradicted by {', '.join(names)}." if names else "")
-
-
-def _scope(scope):
-    """Scope of a law in words."""
-    return WORDS.notes["scopes"].get(scope, f"follows {scope}")
 
 
 def model_text(document, search, result) -> str:
@@ -294,10 +278,8 @@ def page(document, moves, history) -> str:
         Section("Contradictions", [WORDS.table("contradictions", document)], notes=[WORDS.note("alone")]),
     ]
     made = [one for one in made[0 if moves else 1 :] if any(table.rows for table in one.tables)]
-    count = f"{len(document['events'])} events of satellite {document['satellite']}, level {document['level']}"
-    told = [f"causes may follow {', '.join(document['followed'])}"] * bool(document["followed"])
-    told += [f"not {', '.join(document['not_followed'])}, which not every event tells"] * bool(document["not_followed"])
-    return pages.page(document, made, {}, heading="What many events say together", subtitle="; ".join([count, *told]))
+    subtitle = WORDS.note("subtitle", **document)
+    return pages.page(document, made, {}, heading="What many events say together", subtitle=subtitle)
 
 
 @WORDS.figure()

@@ -73,7 +73,7 @@ def _result(products, settings):
             "test_mass_rms_rad_s2": numbers(torque["test_mass_rms"].values),
             "above_sensitivity": above.tolist(),
         },
-        "verdict": {"text": _verdict(methods, float(settings["requirement_m_s2"]))},
+        "verdict": {"text": WORDS.note("verdict", methods=methods, requirement=float(settings["requirement_m_s2"]))},
     }
     found["panel_pressure_m"] = {"area_weighted": numbers(torque["area_centre"].values)}
     found["panel_pressure_m"]["facing_the_flow"] = numbers(torque["facing_centre"].values)
@@ -108,27 +108,6 @@ def _identifiability(combined):
             for name, rank, size, sigma in zip(*columns, strict=True)
         ],
     }
-
-
-def _verdict(methods, requirement):
-    """What the one-sensor method gains over the bare reading, in one paragraph; requirement m s-2 as printed."""
-    one, printed = methods["one_sensor"], methods.get("one_sensor_published")
-    known = one["rms_error"] is not None
-    bare = one["rms_error_bare_reading"] if known else one["rms_correction_to_bare_reading"]
-    left = one["rms_error"] if known else one["sigma_rms"]
-    if bare is None or left is None:
-        return "One sensor: not determined from readings of this size."
-    words = "is off by" if known else "differs from the solution by"
-    text = f"One sensor: the bare reading {words} {bare:.1e} m/s2 rms; with tensor and rates modelled {left:.1e} "
-    text += f"({'error' if known else 'sigma'}) remain, {bare / left:.0f} times less. "
-    if printed:
-        text += (
-            f"The printed algorithm differs from the bare reading by {printed['rms_correction_to_bare_reading']:.0e} "
-            f"m/s2: it gains nothing (erratum S-8). "
-        )
-    totals = [block["sigma_total_rms"] for block in methods.values()]
-    within = "reach" if None not in totals and max(totals) < requirement else "do not reach"
-    return text + f"With the error of the places the methods {within} the printed {requirement:.0e} m/s2."
 
 
 def _sections(document):

@@ -156,39 +156,16 @@ def z_noise(frequency, density):
 
 def verdict(document) -> str:
     """One line for the terminal: the result, and whether the total errors reach those that the paper claims."""
-    if document["status"] != "delivered":
-        return "No swing and no roll in the attitude: nothing to calibrate."
-    parts, errors = [], {}
+    errors = {}
     if "swing" in document:
         offset, k = document["swing"]["adopted"], document["swing"]["k"]
-        text = ", ".join(f"{v:.0f} +- {s:.0f}" for v, s in zip(offset["value"], offset["sigma_total"], strict=True))
-        factors = (f"k_{axis} {k[axis]['value']:.3e} +- {k[axis]['sigma_total']:.0e}" for axis in "xz")
-        solution = "all axes, k_y of the ground" if offset["solution"] == OFFSETS[0] else "without a_y"
-        parts.append(f"{', '.join(factors)} m s-2 V-1; centre of mass to test mass {text} um ({solution})")
         errors["k"] = [(k[axis]["value"], k[axis]["sigma_total"]) for axis in "xz"]
         errors["offset in y and z"] = list(zip(offset["value"], offset["sigma_total"], strict=True))[1:]
     if "roll" in document:
-        roll = document["roll"]
-        known = zip(AXES, roll["bias"]["value"], roll["bias"]["sigma_total"], strict=True)
-        known = [one for one in known if one[1] is not None]
-        if known:
-            text = ", ".join(f"b_{axis} {v:.5e} +- {s:.0e}" for axis, v, s in known)
-            parts.append(f"{text} m s-2 from {roll['segments']} segments, b_y not separable")
-        else:
-            usable = f"{roll['segments']} of {roll['segments_found']} segments of the roll usable"
-            parts.append(f"Bias not determined: {usable}")
-        errors["bias"] = [(v, s) for _, v, s in known]
-    worst = {
-        name: max(abs(s / v) for v, s in pairs if v and s is not None)
-        for name, pairs in errors.items()
-        if any(v and s is not None for v, s in pairs)
-    }
-    claims = [
-        f"{name} {100 * one:.2g} % ({'met' if one < CLAIMED[name] else 'not met'}, {100 * CLAIMED[name]:g} %)"
-        for name, one in worst.items()
-    ]
-    parts += [f"Total error against the claim of the paper: {', '.join(claims)}"] if claims else []
-    return ". ".join(parts) + "."
+        errors["bias"] = list(zip(*(document["roll"]["bias"][name] for name in ("value", "sigma_total")), strict=True))
+    shares = {name: [abs(s / v) for v, s in pairs if v and s is not None] for name, pairs in errors.items()}
+    worst = {name: max(own) for name, own in shares.items() if own}
+    return WORDS.note("verdict", worst=worst, claimed=CLAIMED, **document)
 
 
 def _sections(document, published):

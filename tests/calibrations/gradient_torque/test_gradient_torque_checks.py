@@ -29,7 +29,7 @@ def days(tmp_path_factory):
 @pytest.fixture
 def copied(days, tmp_path, monkeypatch):
     """Function from the number of sensors to a copy of its folder; a store of its own, the page left out."""
-    monkeypatch.setattr(page, "page", lambda *_, **__: "")
+    monkeypatch.setattr(page.pages, "page", lambda *_, **__: "")
     return lambda sensors: shutil.copytree(days[sensors], tmp_path / "files")
 
 

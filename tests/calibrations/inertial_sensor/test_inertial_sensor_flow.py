@@ -215,7 +215,7 @@ def shared_store(delivered, monkeypatch):
 @pytest.fixture
 def copied(both, shared_store, tmp_path, monkeypatch):  # noqa: ARG001 - what is not spoiled is found in the store
     """Copy of the folder with both days; the page is left out."""
-    monkeypatch.setattr(page, "page", lambda *_, **__: "")
+    monkeypatch.setattr(page.pages, "page", lambda *_, **__: "")
     return shutil.copytree(both[0], tmp_path / "files")
 
 
