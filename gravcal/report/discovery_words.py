@@ -11,8 +11,6 @@ STATED = 3  # parameters of a finding that a sentence states
 CLEAR = 2.0  # of its error, from which a parameter is stated
 MOVED = 0.5  # of the error before, from which a move of the result is stated
 QUIET = 1e-3  # probability of so little power, below which the noise is overrated
-WORDS = pages.words(__file__, "discovery_words.toml")
-SYMBOLS, READINGS, LAWS = (WORDS.notes[name] for name in ("symbols", "readings", "laws"))
 
 
 def title(cause: str) -> str:
@@ -107,31 +105,7 @@ def _symbols(words):
 
 def verdict(numbers: dict) -> str:
     """What was found, in sentences."""
-    if "findings" not in numbers:
-        return "No calibration manoeuvre is in this data, so there is nothing that a model could get wrong."
-    found, before, level = numbers["findings"], numbers["p_before"], numbers["level"]
-    if not found and before < level:
-        said = f"The model is not adequate ({_chance(before)}), but no cause that was tried passes; see what is left."
-    elif not found and numbers["p_quiet_before"] < QUIET:
-        said = "Nothing is named."
-    elif not found:
-        said = f"The model describes the data to their noise ({_chance(before)}); nothing is named."
-    else:
-        tied = ["; ".join(map(title, one["tied_with"])) for one in found]
-        tied = [names and f" This data cannot tell that from {names}." for names in tied]
-        counted = [f"({k + 1}) {sentence(one)}{tied[k]}" for k, one in enumerate(found)]
-        said = " ".join(counted) if len(found) > 1 else counted[0].removeprefix("(1) ")
-        after = "describes the data to their noise" if numbers["p_after"] >= level else "still leaves more than noise"
-        said += f"{_moves(numbers['calibration_change'])} The extended model {after} ({_chance(numbers['p_after'])})."
-    left = [title(one["cause"]) for one in found if not one.get("adopted", True)]
-    if left:
-        said += f" What was found of {'; '.join(left)} is too unsure to move the calibration"
-        said += ", whose error holds the move instead."
-    quiet = numbers["p_quiet_after"]
-    if quiet < QUIET:
-        said += f" ALARM: what the model leaves is less than its noise ({_chance(quiet)})"
-        said += "; noise and errors are overrated."
-    return said
+    return WORDS.note("verdict", quiet=QUIET, **numbers)
 
 
 def _moves(change):
@@ -154,3 +128,7 @@ def _moves(change):
 def _chance(p):
     text = probability(p)
     return f"p {text}" if text.startswith("<") else f"p = {text}"
+
+
+WORDS = pages.words(__file__, "discovery_words.toml", cause=title, sentence=sentence, moves=_moves, chance=_chance)
+SYMBOLS, READINGS, LAWS = (WORDS.notes[name] for name in ("symbols", "readings", "laws"))

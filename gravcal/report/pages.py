@@ -75,7 +75,7 @@ class Words:
     notes: Mapping[str, str]  #: everything else
     forms: jinja2.Environment  #: of templates and expressions; filters are functions of `plain` and of the page
 
-    def table(self, name: str, given: Sequence | Mapping, **values) -> Table:
+    def table(self, name: str, given: Sequence | Mapping, /, **values) -> Table:
         """Table of rows, of records where there are columns, of a document where it says `each`.
 
         Values are fields of the table, or known to its texts and cells. Of a mapping each record knows its "key", of
@@ -117,11 +117,11 @@ class Words:
 
         return declared
 
-    def note(self, name: str, **values) -> str:
+    def note(self, name: str, /, **values) -> str:
         """Text of this name."""
         return self.forms.from_string(self.notes[name]).render(values)
 
-    def said(self, name: str, **values) -> list[str]:
+    def said(self, name: str, /, **values) -> list[str]:
         """Texts in the list of this name, without those that say nothing of these values."""
         texts = (self.forms.from_string(text).render(values) for text in self.notes[name])
         return [text for text in texts if text]
