@@ -33,7 +33,6 @@ ANGULAR_LIMIT = 0.2
 PRODUCTS = {"acc": "ACC1A", "sca": "SCA1B"}
 EPOCH = "middle of each manoeuvre"  # of an offset that moves
 GAPS = {"orbit": 1, "star camera": 2}  # bits of a gap too long to use a manoeuvre
-WITHIN = {"within": "met in", "exceeds": "exceeded in", "undecided": "undecided in", "undetermined": "not tested in"}
 CONFIDENCE = 2.0  # standard deviations between a value and a limit for a clear answer
 
 
@@ -326,24 +325,16 @@ def verdict(variants, chosen, consistency, settings):
     met = [sigma is not None and sigma <= accuracy for sigma in totals]
     agree = {name: consistency[name]["consistent"] for name in ("manoeuvres", "variants", "catalogue")}
     compared = [agree["manoeuvres"], agree["variants"], agree["catalogue"] is not False]
-    pairs = zip(AXES, values, totals, strict=True)
-    components = [f"{a} not determined" if v is None else f"{a} {v:.1f} +- {s:.1f}" for a, v, s in pairs]
-    groups = {word: [a for a, own in zip(AXES, within, strict=True) if own == name] for name, word in WITHIN.items()}
-    requirement = "; ".join(f"{word} {', '.join(axes)}" for word, axes in groups.items() if axes)
-    short = ", ".join(axis for axis, item in zip(AXES, met, strict=True) if not item)
-    reached = f"of {accuracy:g} um not reached: {short}" if short else f"better than {accuracy:g} um on all axes"
-    said = {None: "were not compared", True: "agree", False: "DISAGREE"}
-    catalogue = "; the torquers are FURTHER from the catalogue than its error" if agree["catalogue"] is False else ""
-    return {
+    answers = {
         "requirement_um": limit,
         "requirement": within,
         "accuracy_um": accuracy,
         "accuracy_met": all(met),
         "consistent": None if None in compared and False not in compared else False not in compared,
-        "text": f"Delivered: {', '.join(components)} um ({chosen['variant']}). "
-        f"Requirement of {limit:g} um {requirement}. Accuracy {reached}. "
-        f"Manoeuvres {said[agree['manoeuvres']]}; angular accelerations {said[agree['variants']]}{catalogue}.",
     }
+    rows, names = zip(AXES, values, totals, within, met, strict=True), ("axis", "value", "total", "within", "met")
+    axes = [dict(zip(names, row, strict=True)) for row in rows]
+    return answers | {"text": WORDS.note("verdict", axes=axes, agree=agree, adopted=chosen["variant"], **answers)}
 
 
 def _within(value, sigma, limit):
