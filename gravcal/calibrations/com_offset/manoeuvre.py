@@ -18,16 +18,7 @@ from gravcal.calibrations.com_offset import attitude as motion
 from gravcal.calibrations.com_offset.estimate import nearest, quiet_operators, quiet_spans
 from gravcal.effects import Context, catalogue
 from gravcal.estimation import least_squares
-from gravcal.estimation.noise import (
-    NoiseModel,
-    beside,
-    fit_detrended,
-    levels,
-    unwhiten,
-    whiten,
-    whitened,
-    without_lines,
-)
+from gravcal.estimation import noise as noises
 from gravcal.estimation.records import Block
 from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames, orbit_environment
@@ -44,7 +35,7 @@ SHOWN = 0.05  # share of the square of what a finding adds that lies beside the 
 class Measured:
     """Noise of a channel as measured."""
 
-    models: list[list[NoiseModel]]  #: of each manoeuvre and axis
+    models: list[list[noises.NoiseModel]]  #: of each manoeuvre and axis
     error: np.ndarray  #: (m, 3) 1, relative, of the amplitude at each manoeuvre
 
 
@@ -84,7 +75,7 @@ class Manoeuvre:
         return motion.propagator(self.window.time, self.transition, self.arc.edges + self.shift)
 
     @property
-    def noise(self) -> dict[str, list[NoiseModel]]:
+    def noise(self) -> dict[str, list[noises.NoiseModel]]:
         """Noise model of each axis of each channel at this manoeuvre."""
         return {channel: one.models[self.index] for channel, one in self.measured.items()}
 
@@ -124,7 +115,7 @@ class Manoeuvre:
             values = self.wide_operator(values)
         elif channel == "angular":
             values = self.operator(values)
-        return whitened(self.noise[channel], values, self.valid[channel])
+        return noises.whitened(self.noise[channel], values, self.valid[channel])
 
     def widened(self, values: np.ndarray) -> np.ndarray:
         """Linear reading (n, ...) at the epochs of the manoeuvre with pads in which it is zero."""
@@ -321,7 +312,7 @@ def _steps(one):
     first, count = one.place("linear").start, one.valid["linear"].size
     for axis in range(3):
         there = slice(first + axis * count, first + (axis + 1) * count)
-        rows[there, :, axis] = whiten(one.noise["linear"][axis], shapes, one.valid["linear"])
+        rows[there, :, axis] = noises.whiten(one.noise["linear"][axis], shapes, one.valid["linear"])
     return {float(t): rows[:, k] for k, t in enumerate(epochs)}
 
 
@@ -389,7 +380,7 @@ def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray,
     """
     valid, time = one.valid[channel], one.times[channel]
     parts = rows[one.place(channel)].reshape(3, valid.size, -1)
-    columns = np.stack([unwhiten(one.noise[channel][a], parts[a], valid) for a in range(3)], axis=1)
+    columns = np.stack([noises.unwhiten(one.noise[channel][a], parts[a], valid) for a in range(3)], axis=1)
     if channel == "linear":
         model = one.wide_operator(one.wide.linear_b)
         inside = (time >= one.operator.time[0]) & (time <= one.operator.time[-1])
@@ -415,7 +406,7 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
                 piece = piece - _control(aligned, field_, time[inside], settings)
             pieces.append(operator(piece - piece[len(piece) // 2]))
             epochs.append(operator.time)
-        cleaned, _ = without_lines(pieces, settings["step_s"]) if pieces else ([], None)
+        cleaned, _ = noises.without_lines(pieces, settings["step_s"]) if pieces else ([], None)
         drifts = _drifts(cleaned, settings[f"{channel}_drift_degree"])
         orders = settings["noise_order"], settings["step_s"]
         models[channel] = _measured(cleaned, drifts, orders, nearest(aligned, epochs), count)
@@ -433,9 +424,9 @@ def _measured(pieces, columns, orders, near, count):
     """Noise at each of so many manoeuvres, from pieces beside columns (n_i, 3, q_i), and the manoeuvre near each."""
     if not pieces:
         return Measured([[]] * count, np.zeros((count, 3)))
-    clean, lost = beside(pieces, columns), [one.shape[2] / 3 for one in columns]
-    models = fit_detrended(pieces, clean, *orders)
-    found = levels(models, [clean(piece, index) for index, piece in enumerate(pieces)], lost, near, count)
+    clean, lost = noises.beside(pieces, columns), [one.shape[2] / 3 for one in columns]
+    models = noises.fit_detrended(pieces, clean, *orders)
+    found = noises.levels(models, [clean(piece, index) for index, piece in enumerate(pieces)], lost, near, count)
     louder = [[m.louder(f) for m, f in zip(models, row, strict=True)] for row in found.value]
     return Measured(louder, found.error)
 
