@@ -1,25 +1,16 @@
 """Search over many events: pairs of causes that it separates, false alarms, offsets at dates left out, time.
 
-`python -m benchmarks joint --runs N --seed S --out FOLDER` simulates ten days into the folder, keeps what each of them
-tells (`com_offset.evidence`), and draws observed rows for 20 events (`--events`) of these days anew: one cause of the
-catalogue that is the same in all of them, at a signal-to-noise ratio of 2 to 6 in one event, beside offsets that walk.
-
-A pair of causes counts where no single event tells them apart (expected chi-square below `TIE` in each). Its predicted
-separation is the root of the chi-square expected between them in all events, the best form of the other fitted. It is
-separated if the set that is named, with what is tied with it, holds the true cause and not the other; falsely if it
-holds the other and not the true one.
-
-`--sort family` counts what is named in `--runs` series without an effect, and how often an event is named that has
-another value of a cause than all others, by how far it is off. `--sort motion` takes no days: offsets of `--runs`
-series of 6 and of 20 events that walk or stand, with a trim and without, one event left out of each.
-
-With `--world open` or `second` the days are those of the forward models beside the project, or of the simulator of the
-tests: `--events` (20) in five years, one effect that is the same in all of them at a signal-to-noise ratio near 5 in
-one event, an offset with slope, walk and a trim. The series of `--sort NAME,NAME` (of `HIDDEN`, or all) are flown by C
-and D in turn. Every third event is then left out once.
+Ten days are simulated into `--out FOLDER`, and observed rows for 20 events (`--events`) of these days drawn anew: one
+cause that is the same in all of them, at a signal-to-noise ratio of 2 to 6 in one event, beside offsets that walk. A
+pair of causes counts where no single event tells them apart (expected chi-square below `TIE` in each). It is separated
+if the set that is named, with what is tied with it, holds the true cause and not the other; falsely if it holds the
+other alone. `--sort family` counts what is named without an effect, and events that are named for another value of a
+cause; `--sort motion` is of drawn offsets. `--world open` or `second`: days of other hands, one effect of studies.toml
+(`--sort NAME,NAME` or all) in all of them, flown by C and D in turn, every third event left out once.
 """
 
 import datetime
+import itertools
 import resource
 import tempfile
 import time
@@ -29,7 +20,7 @@ import numpy as np
 from scipy import stats
 
 from benchmarks import worlds
-from benchmarks.tables import Figure, grid, rms_figure, say, show, title
+from benchmarks.tables import STUDIES, Figure, grid, numbers, rms, rms_figure, say, show, title
 from flows import calibration, campaign, command
 from gravcal.discovery import attribution, design
 from gravcal.discovery import joint as science
@@ -42,30 +33,10 @@ from tasks.stage import read
 
 DAYS = 10
 LEVEL, TIE, ROUNDS = 0.005, 9.0, 4
-BANDS = ((3.0, 4.0), (4.0, 5.0), (5.0, 7.0), (7.0, 10.0), (10.0, np.inf))  # of the predicted separation
+BANDS = (0.0, 3.0, 4.0, 5.0, 7.0, 10.0, np.inf)  # of the predicted separation
 ALIKE = 0.5  # of the chi-square of a cause that another explains, above which the pair is a hard one
 PLAUSIBLE = 5.0  # times the prior of the catalogue, largest size that is drawn
-OF_Y = ("y_from_x", "y_from_y", "y_from_z")
-#: Effects of other worlds at a signal-to-noise ratio near 5 in one event, with the cause and values of the catalogue.
-HIDDEN = {
-    "open": {
-        "mtq_gain": ([7e-3, 0, 0], "torque.dipole_gain", {"rod_x": 7e-3}),
-        "sca_delay": (0.09, "timing.star_camera_delay", {"delay": 0.09}),
-        "current_to_acc": ([0, 4e-10, 0], "accelerometer.current_leak", dict.fromkeys(OF_Y, 1.6e-12)),
-        "mtq_misalign": ([1.2e-3, 0, 0], "torque.dipole_misalignment", {"angle_x": 1.2e-3}),
-        "inertia_products": ([0, 0.13, 0], "torque.inertia_products", {"xz": 0.13}),
-        "latitude_force": (1e-9, "", {}),
-        "clean": (None, "", {}),
-    },
-    "second": {
-        "dipole_gain": ({"value": [7e-3, 0, 0]}, "torque.dipole_gain", {"rod_x": 7e-3}),
-        "acc_current_leak": ({"value": {"yx": 4e-13}}, "accelerometer.current_leak", {"y_from_x": 1.6e-12}),
-        "sca_delay_s": ({"value": 0.09}, "timing.star_camera_delay", {"delay": 0.09}),
-        "clean": (None, "", {}),
-    },
-}
-#: What else a world is told: the main field of the catalogue, for of an older one the years after it differ by 9 nT.
-MORE = {"open": {}, "second": {"field_generation": 14}}
+HIDDEN = STUDIES["joint"]
 
 
 def evidence(folder: Path) -> list:
@@ -112,23 +83,21 @@ class World:
             if np.all(np.abs(value) <= PLAUSIBLE * prior):
                 return int(k), value
 
-    def drawn(self, rng, offset, cause=None, value=None, times=None):
-        """Events with offsets (n, p) and a cause in all of them, alike (q,) or not (n, q)."""
-        times, found = np.arange(self.count) * YEAR_S / 6 if times is None else times, []
+    def drawn(self, rng, cause=None, value=None):
+        """Events with a cause in all of them, alike (q,) or not (n, q), and offsets (n, p) m that walk by 3 um."""
+        found, offset = [], 3e-6 * np.cumsum(rng.standard_normal((self.count, self.own)), axis=0)
         for k, one in enumerate(self.events):
-            truth = np.zeros(one.gram.shape[0] - 1)
-            truth[: self.own] = offset[k]
+            truth = np.zeros(one.gram.shape[0])
+            truth[1 : 1 + self.own] = offset[k]
             if cause is not None:
-                own = value if np.ndim(value) == 1 else value[k]
-                truth[self.places[cause].start - 1 : self.places[cause].stop - 1] = own
-            root, gram = self.roots[one.name], one.gram.copy()
-            right = gram[1:, 1:] @ truth + root @ rng.standard_normal(root.shape[1])
-            gram[1:, 0] = gram[0, 1:] = right
+                truth[self.places[cause]] = value if np.ndim(value) == 1 else value[k]
+            root, gram, truth = self.roots[one.name], one.gram.copy(), truth[1:]
+            gram[1:, 0] = gram[0, 1:] = right = gram[1:, 1:] @ truth + root @ rng.standard_normal(root.shape[1])
             gram[0, 0] = truth @ right + 1e4
-            measured = dict(one.measured, year=times[k] / YEAR_S, beta_deg=float(rng.uniform(-70, 70)))
-            about = (f"event {k + 1:03d}", float(times[k]), np.zeros(self.own), gram, one.size, one.causes, measured)
+            measured = dict(one.measured, year=k / 6, beta_deg=float(rng.uniform(-70, 70)))
+            about = (f"event {k + 1:03d}", k * YEAR_S / 6, np.zeros(self.own), gram, one.size, one.causes, measured)
             found.append(Event(*about))
-        return found
+        return found, offset
 
     def pairs(self, cause, value):
         """{slug: (sigma that all events and that the best single one tell, share that the other explains)}."""
@@ -159,18 +128,13 @@ def search(events):
     return found, sets
 
 
-def walked(rng, count, own):
-    """Offsets (n, p) m that walk by 3 um from event to event."""
-    return 3e-6 * np.cumsum(rng.standard_normal((count, own)), axis=0)
-
-
 def ties(world, rng, runs) -> list[Figure]:
     """Pairs of causes that no single event tells apart."""
     said, rows, started = {"right": 0, "alone": 0, "wrong": 0, "missed": 0}, [], time.process_time()
     for _ in range(runs):
         cause, value = world.cause(rng)
         slug = world.causes[cause].slug
-        _, sets = search(world.drawn(rng, walked(rng, world.count, world.own), cause, value))
+        _, sets = search(world.drawn(rng, cause, value)[0])
         said["right"] += any(slug in one for one in sets)
         said["alone"] += {slug} in sets
         said["wrong"] += any(slug not in one for one in sets)
@@ -196,14 +160,9 @@ def tied(world, cause, value, sets):
     """(predicted separation, share explained, separated, falsely) of each cause that no single event tells apart."""
     slug, rows = world.causes[cause].slug, []
     named, right = set().union(*sets), any(slug in one for one in sets)
-    if sets and not right:
-        say(f"wrong: {slug} was {', '.join(' = '.join(sorted(one)) for one in sets)}")
     for other, (sigma, single, share) in world.pairs(cause, value).items():
         if single**2 < TIE:
-            apart = right and other not in named
-            rows.append((sigma, share, apart, other in named and not right))
-            if sigma >= np.sqrt(design.needed(0.9, TIE)) and not apart:
-                say(f"not separated: {slug} from {other}, predicted {sigma:.1f} sigma")
+            rows.append((sigma, share, right and other not in named, other in named and not right))
     return rows
 
 
@@ -211,10 +170,10 @@ def shares(rows) -> list[Figure]:
     """Table of pairs by their predicted separation, and the shares that are asked."""
     table = [("predicted separation", "pairs", "separated", "falsely", "hard pairs", "separated", "falsely")]
     hard = [row for row in rows if row[1] > ALIKE]
-    count = lambda some: (str(len(some)), str(sum(r[2] for r in some)), str(sum(r[3] for r in some)))  # noqa: E731
-    for low, high in ((0.0, BANDS[0][0]), *BANDS):
+    for low, high in zip(BANDS, BANDS[1:], strict=False):
         inside = [[row for row in some if low <= row[0] < high] for some in (rows, hard)]
-        table.append((f"{low:g} to {high:g} sigma", *count(inside[0]), *count(inside[1])))
+        counts = (n for some in inside for n in (len(some), *(sum(r[k] for r in some) for k in (2, 3))))
+        table.append((f"{low:g} to {high:g} sigma", *map(str, counts)))
     grid(table)
     return [
         _share(f"{words} separated, at {low:.2g} sigma or more", [r[2] for r in some if r[0] >= low], 0.9)
@@ -231,18 +190,17 @@ def _share(name, hits, limit, least=True):
 
 def clean(world, rng, runs) -> list[Figure]:
     """Searches of events without any effect, and the chi-square of their offsets."""
-    named, strange, scores = 0, 0, []
+    named, strange, scores = [], [], []
     for _ in range(runs):
-        offset = walked(rng, world.count, world.own)
-        found, sets = search(world.drawn(rng, offset))
-        named, strange = named + bool(sets), strange + bool(found.contradicting)
-        for one in sets:
-            say(f"false: {' = '.join(sorted(one))}")
+        events, offset = world.drawn(rng)
+        found, sets = search(events)
+        named.append(sets)
+        strange.append(found.contradicting)
         away = (found.offset - offset).ravel()
         scores.append(away @ np.linalg.solve(found.spread.reshape(away.size, -1), away) / away.size)
     return [
-        _counted("clean series in which something is named", named, runs),
-        _counted("clean series in which an event contradicts", strange, runs),
+        _counted("clean series in which something is named", named),
+        _counted("clean series in which an event contradicts", strange),
         Figure("chi-square of offsets over their number", f"{np.mean(scores):.3f}"),
     ]
 
@@ -250,7 +208,7 @@ def clean(world, rng, runs) -> list[Figure]:
 def contradicted(world, rng, runs) -> list[Figure]:
     """Searches of events one in twenty of which has another value of the cause, off by so many of its errors."""
     runs, started = max(1, runs // 6), time.process_time()
-    table, wrong = [("off by, sigma", "cause named", "events named", "others")], 0
+    table, wrong = [("off by, sigma", "cause named", "events named", "others")], []
     for away in (4, 6, 8, 12):
         hits = np.zeros(3, int)
         for _ in range(runs):
@@ -259,14 +217,14 @@ def contradicted(world, rng, runs) -> list[Figure]:
             values = np.tile(value, (world.count, 1))
             for k in odd:
                 values[k] += away * value / np.sqrt(value @ world.grams[k][place, place] @ value)
-            found, sets = search(world.drawn(rng, walked(rng, world.count, world.own), cause, values))
+            found, sets = search(world.drawn(rng, cause, values)[0])
             told_of = {one["event"] for one in found.contradicting}
             names = {f"event {k + 1:03d}" for k in odd}
-            hits += [any(world.causes[cause].slug in one for one in sets), names <= told_of, bool(told_of - names)]
+            wrong.append(told_of - names)
+            hits += [any(world.causes[cause].slug in one for one in sets), names <= told_of, bool(wrong[-1])]
         table.append((f"{away:g}", *(f"{n} of {runs}" for n in hits)))
-        wrong += int(hits[2])
     grid(table)
-    return [_counted("series in which another event is named", wrong, 4 * runs), _spent(started, 4 * runs)]
+    return [_counted("series in which another event is named", wrong), _spent(started, len(wrong))]
 
 
 def _spent(started, runs):
@@ -276,57 +234,32 @@ def _spent(started, runs):
     return Figure("processor time of a search", spent, f"largest memory {memory:.0f} MB")
 
 
-def _counted(name, hits, runs):
-    """Share of series with its bound of 95 % beside the level that is delivered; missed if it is above for certain."""
-    low, high = (
-        stats.beta.ppf(p, a, b) if a and b else d
-        for p, a, b, d in ((0.05, hits, runs - hits + 1, 0.0), (0.95, hits + 1, runs - hits, 1.0))
-    )
+def _counted(name, cases):
+    """Share of series with its bounds of 95 % beside the level that is delivered; missed if it is above for certain."""
+    hits, runs = sum(map(bool, cases)), len(cases)
+    low, high = stats.binomtest(hits, runs).proportion_ci(0.9, method="exact")
     return Figure(name, f"{hits} of {runs}", f"{low:.1%} to {high:.1%}", f"level {LEVEL:.1%}", bool(low <= LEVEL))
-
-
-def recovery(world, rng, runs) -> list[Figure]:
-    """Offset at a date left out: slope, walk, and a trim of 113 um along x."""
-    score = []
-    for _ in range(runs):
-        times = np.sort(rng.uniform(0, 5 * YEAR_S, world.count))
-        steps = np.sqrt(np.diff(times, prepend=0) / YEAR_S)[:, None] * [20, 10, 3] * rng.choice([0, 0.3, 1])
-        trim, years = rng.uniform(1, 4) * YEAR_S, times[:, None] / YEAR_S
-        offset = (
-            [100, -40, 10] + np.cumsum(steps * rng.standard_normal(steps.shape), axis=0) + years * rng.normal(0, 10, 3)
-        )
-        offset[times > trim, 0] -= 113
-        out = int(rng.integers(3, world.count - 3))
-        kept = np.arange(world.count) != out
-        events = [one for one, k in zip(world.drawn(rng, 1e-6 * offset, times=times), kept, strict=True) if k]
-        score += foretold(events, times[kept], times[out], offset[out], [trim])
-    return recovered(score)
 
 
 def motion(options) -> list[Figure]:
     """Offset at a date left out of drawn series: error over sigma with walks of every size, and with none."""
-    rng, runs, pooled = np.random.default_rng(options.seed), options.runs or 200, {}
-    named = series = 0
+    rng, runs, pooled, named = np.random.default_rng(options.seed), options.runs or 200, {}, []
     heads = [f"{trims} trim, {words}" for trims in ("no", "a") for words in ("rms", "within sigma")]
     table = [("events", "walk, um in a root of a year", *heads)]
-    for count in (6, 20):
-        for walk in (0, 1, 3, 6, 20):
-            cells = []
-            for trim in (False, True):
-                drawn = [_left_out(rng, count, walk, trim) for _ in range(runs)]
-                score = np.array([away for away, _ in drawn])
-                cells += [f"{np.sqrt(np.mean(score**2)):.2f}", f"{np.mean(np.abs(score) < 1):.0%}"]
-                named += int(sum(strange for _, strange in drawn))
-                series += runs
-                for name in (f"{'with a' if walk else 'without'} walk", *["with a trim"] * trim):
-                    pooled.setdefault((count, name), []).extend(score)
-            table.append((str(count), str(walk), *cells))
+    for count, walk in itertools.product((6, 20), (0, 1, 3, 6, 20)):
+        cells = [str(count), str(walk)]
+        for trim in (False, True):
+            score, strange = np.transpose([_left_out(rng, count, walk, trim) for _ in range(runs)])
+            cells += [f"{rms(score):.2f}", f"{np.mean(np.abs(score) < 1):.0%}"]
+            named += strange.tolist()
+            for name in (f"{'with a' if walk else 'without'} walk", *["with a trim"] * trim):
+                pooled.setdefault((count, name), []).extend(score)
+        table.append(cells)
     grid(table)
-    rms = {key: float(np.sqrt(np.mean(np.square(score)))) for key, score in pooled.items()}
     return [
         Figure(f"error over sigma, {n} events {name}", f"{v:.2f}", "", "0.90 to 1.10", bool(0.9 <= v <= 1.1))
-        for (n, name), v in rms.items()
-    ] + [_counted("series in which an offset contradicts", named, series)]
+        for (n, name), v in ((key, rms(score)) for key, score in pooled.items())
+    ] + [_counted("series in which an offset contradicts", named)]
 
 
 def _left_out(rng, count, walk, trim):
@@ -340,26 +273,23 @@ def _left_out(rng, count, walk, trim):
     kept = np.arange(count) != out
     value = (offset + 2 * rng.standard_normal(count))[kept]
     one = moving(times[kept], value, 4 * np.eye(count - 1), trims)
-    mean, sigma = one.predicted(times[out : out + 1])
     chance = np.exp(chi2_tail.log_tail(np.max(one.left_out() ** 2), 1)) * (count - 1)
-    return (mean[0] - offset[out]) / sigma[0], chance < LEVEL
+    return foretold(one, times[out], offset[out]), chance < LEVEL
 
 
-def foretold(events, times, at, offset, trims):
-    """Error over sigma (3,) of the offset um at a time, of events at others; trims along x are known."""
-    found, score = science.Search(events, LEVEL, TIE, ROUNDS).run(), []
-    for axis in range(3):
-        spread = 1e12 * found.spread[:, axis, :, axis]
-        one = moving(times, 1e6 * found.offset[:, axis], spread, trims if axis == 0 else [])
-        mean, sigma = one.predicted(np.array([at]))
-        score.append((mean[0] - offset[axis]) / sigma[0])
-    return score
+def foretold(one, at, true):
+    """Error over sigma of an offset at a time."""
+    mean, sigma = one.predicted(np.array([at]))
+    return (mean[0] - true) / sigma[0]
 
 
-def recovered(score) -> list[Figure]:
-    """Error over sigma with the interval of chi-square."""
-    name = "error over sigma at dates left out, rms"
-    return [rms_figure(name, score, more=f", n {len(score)}"), Figure("largest", f"{np.abs(score).max():.1f}")]
+def left_out(events, offset, trims, out):
+    """Error over sigma (3,) of the offset um of one event (its number) by all others; trims along x are known."""
+    kept = np.arange(len(events)) != out
+    found, _ = search([one for one, k in zip(events, kept, strict=True) if k])
+    times, value, spread = np.array([one.time for one in events]), 1e6 * found.offset, 1e12 * found.spread
+    moved = (moving(times[kept], value[:, k], spread[:, k, :, k], [] if k else trims) for k in range(3))
+    return [foretold(one, times[out], true) for one, true in zip(moved, offset[out], strict=True)]
 
 
 def flown(folder: Path, rng, count: int, world: str, name: str, satellite: str) -> tuple[list, np.ndarray, list]:
@@ -371,11 +301,13 @@ def flown(folder: Path, rng, count: int, world: str, name: str, satellite: str) 
     walk = np.sqrt(np.diff(times, prepend=times[0]) / YEAR_S)[:, None] * [6, 3, 1] * rng.standard_normal((count, 3))
     offset = rng.uniform(-120, 120, 3) + np.cumsum(walk, axis=0) + years * rng.normal(0, 10, 3)
     offset[times > trim, 0] -= 113
-    seeds, value = rng.integers(2**31, size=count).tolist(), HIDDEN[world][name][0]
+    seeds, value = rng.integers(2**31, size=count).tolist(), HIDDEN[world][name].get("value")
     for day, seed, place in zip(map(str, days), seeds, offset.tolist(), strict=True):
         if not (folder / day / "made").exists():
             effects = {} if value is None else {name: value}
-            given = {"satellite": satellite, "date": day, "offset_um": place} | MORE[world]
+            given = {"satellite": satellite, "date": day, "offset_um": place}
+            if world == "second":  # of a main field older than the catalogue's the years after it differ by 9 nT
+                given["field_generation"] = 14
             worlds.MAKERS[world](folder / day, seed, effects, **given)
             (folder / day / "made").touch()
     return told_by(folder, satellite), offset, [trim]
@@ -390,23 +322,21 @@ def other_hands(folder: Path, options, world: str) -> list[Figure]:
         events, offset, trims = flown(folder / name, rng, count, world, name, satellite)
         started = time.process_time()
         found, sets = search(events)
-        took = time.process_time() - started
+        spent = _spent(started, 1)
         told(events, found)
-        _, slug, truth = HIDDEN[world][name]
+        slug = HIDDEN[world][name].get("cause", "")
         right = [one for one in sets if slug in one]
         said = f"alone {sum(len(one) == 1 for one in right)}, in a set {len(right)}, wrong {len(sets) - len(right)}"
-        figures.append(Figure(f"{satellite}, {name}: {slug or 'nothing'} named", said, f"{took:.1f} s"))
+        figures += [Figure(f"{satellite}, {name}: {slug or 'nothing'} named", said), spent]
         if slug:
-            pairs += separations(events, slug, truth, sets)
+            pairs += separations(events, slug, HIDDEN[world][name]["true"], sets)
         away = 1e6 * found.offset - offset
-        rms = np.sqrt(np.mean(away**2 / (1e12 * np.einsum("ipip->ip", found.spread)), axis=0))
-        figures.append(Figure("    error over sigma of offsets, x, y, z", " ".join(f"{v:.2f}" for v in rms)))
-        times = np.array([one.time for one in events])
-        for out in range(1, count - 1, 3):
-            kept = np.arange(count) != out
-            rest = [one for one, k in zip(events, kept, strict=True) if k]
-            score += foretold(rest, times[kept], times[out], offset[out], trims)
-    return [*figures, *shares(pairs), *recovered(score)]
+        ratio = away / (1e6 * np.sqrt(np.einsum("ipip->ip", found.spread)))
+        figures.append(Figure("    error over sigma of offsets, x, y, z", numbers(rms(ratio), ".2f")))
+        score += sum((left_out(events, offset, trims, out) for out in range(1, count - 1, 3)), [])
+    figures += shares(pairs)
+    figures.append(rms_figure("error over sigma at dates left out, rms", score, more=f", n {len(score)}"))
+    return [*figures, Figure("largest", f"{np.abs(score).max():.1f}")]
 
 
 def told(events, found) -> None:
@@ -414,9 +344,8 @@ def told(events, found) -> None:
     for one in found.named:
         say(f"{events[0].causes[one.law.cause].slug} ({one.law.scope}), gain {one.gain:.0f} of {one.dof}")
         for row in one.ties:
-            said = "tied" if row["tied"] else f"broken by {row['event']}"
             chi2 = f"{row['single']:.1f} in the best event, {row['expected_chi2']:.1f} in all"
-            say(f"    {row['cause']}: {chi2}, odds {row['observed']:.1f}: {said}")
+            say(f"    {row['cause']}: {chi2}, odds {row['observed']:.1f}, {'tied' if row['tied'] else 'told apart'}")
         say(f"    {np.round(one.value, 6).tolist()} +- {np.round(one.sigma, 6).tolist()}")
     for row in found.contradicting:
         say(str(row))
@@ -426,14 +355,12 @@ def run(options) -> list[Figure]:
     """Study."""
     world = options.world or "own"
     folder = Path(options.out or tempfile.mkdtemp(prefix="gravcal-joint-"))
+    title(f"joint search, {world} world, seed {options.seed}")
     if world in HIDDEN:
-        title(f"joint search in the {world} world, {options.sort}, seed {options.seed}")
         return show(other_hands(folder, options, world))
     if options.sort == "motion":
-        title(f"offsets at dates left out, seed {options.seed}")
         return show(motion(options))
     runs, rng = options.runs or (4 if options.quick else 30), np.random.default_rng(options.seed)
     drawn = World(evidence(folder), options.events or 20)
-    title(f"joint search, {drawn.count} events, seed {options.seed}")
-    studies = (clean, contradicted) if options.sort == "family" else (ties, clean, recovery)
+    studies = (clean, contradicted) if options.sort == "family" else (ties,)
     return show(sum((study(drawn, rng, runs) for study in studies), []), "share")
