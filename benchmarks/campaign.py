@@ -7,7 +7,7 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks import stopwatch as watch
+from benchmarks import tables as watch
 from benchmarks.tables import CLI, Figure, at_least, at_most, cases, show, title
 
 TWICE = 2  # cold runs with all workers and with one

@@ -12,7 +12,7 @@ from gravcal import catalog
 from gravcal.calibrations.gradient_torque import estimate, model
 from gravcal.io import icgem
 from gravcal.io.daily import LAYOUTS
-from gravcal.physics import gravity
+from gravcal.physics import frames, gravity
 from gravcal.simulation import gradient_torque as simulation
 
 EPOCHS, ROUNDS = 17280, 5
@@ -172,17 +172,13 @@ def degrees(_options) -> list[Figure]:
     """
     field, satellite = icgem.read_field(icgem.shipped(), 60), catalog.satellite("S").settings()
     position, step = orbit_points(), 5.0
-    down = -position / np.linalg.norm(position, axis=1)[:, None]
-    across = np.cross(down, np.gradient(position, axis=0))
-    across /= np.linalg.norm(across, axis=1)[:, None]
+    R_oe = frames.flight_frame(np.hstack([position, np.gradient(position, axis=0)]))
     small = np.eye(3) + POINTING * np.array([[0, 1, -1], [-1, 0, 1], [1, -1, 0]])
-    R_be = small @ np.stack([np.cross(across, down), across, down], axis=1)
+    R_be = small @ (R_oe[:, ::-1] * np.array([[1], [1], [-1]]))  # forward, across, down
     body, cube = np.array(satellite["inertia"]), model.box_inertia(satellite, 1.0)
     own = satellite["angular_noise_density"][0]
     density = {name: 2 * GRACE_M_S2 / f / CUBE_M if f else own for name, f in FACTORS.items()}
-    title(
-        f"degrees: {field.name}; angular noise rad s-2 Hz-1/2: " + ", ".join(f"{n} {d:.1e}" for n, d in density.items())
-    )
+    title(f"degrees: {field.name}; {', '.join(f'{n} {d:.1e}' for n, d in density.items())} rad s-2 Hz-1/2")
     seen = {(name, what): [] for name in density for what in ("zonal", "whole")}
     for n in range(1, 61):
         for what, part in (("zonal", gravity.zonal(field, n)), ("whole", gravity.truncated(field, n, n))):

@@ -32,8 +32,8 @@ def swings(options) -> list[Figure]:
     least, mean, figures = rms(least), sigma.mean(axis=0), []
     for i, name in enumerate(SWING):
         accuracy = f" = {100 * mean[i] / size[0, i]:.2f} %" if size[0, i] > 0 else ""
-        more = f", scatter/bound {rms(error[:, i]) / least[i]:.3f}, sigma/bound {mean[i] / least[i]:.3f}"
-        more += f", sigma {mean[i]:.3g}{accuracy}"
+        over = f", scatter/bound {rms(error[:, i]) / least[i]:.3f}, sigma/bound {mean[i] / least[i]:.3f}"
+        more = f"{over}, sigma {mean[i]:.3g}{accuracy}"
         figures.append(rms_figure(f"error/sigma {name}", error[:, i] / sigma[:, i], 12, more))
     figures.append(Figure("Kalman filter minus batch at the end, sigma", f"{apart.max():.1e}"))
     return show(figures, "std. error")
@@ -127,7 +127,7 @@ def swing_bound(options) -> list[Figure]:
     """Bound of the offset and error of k_y, with the actuation noise of Table 2 and without, beside printed errors."""
     printed, figures = [one.sigma[0] for one in catalog.published("inertial_sensor")["com_offset"]], []
     for volt in (2e-5, 2e-7):
-        words = f"swing_bound: Cramer-Rao bound of the offset x, y, z in um, {{}} swings, actuation {volt:g} V/sqrt(Hz)"
+        words = f"swing_bound: Cramer-Rao bound of the offset x, y, z in um, {{}} swings, {volt:g} V/sqrt(Hz)"
         one = functools.partial(one_swing, bounds=np.inf, voltage_noise_v_rthz=volt)
         *_, least, _, _, factor = study(options, 6, words, one, 6000)
         share, ratio = rms(factor)

@@ -1,7 +1,4 @@
-"""Findings in measured data, and every figure of the days at hand beside the one that was first said of it.
-
---data holds the days by name, --out draws the figure of docs/discoveries.md.
-"""
+"""Findings in the measured days of --data, figures beside those first said; --out draws that of docs/discoveries.md."""
 
 from pathlib import Path
 
@@ -62,10 +59,8 @@ def of_table():
     yield "Table 7, chi-square", ", ".join(STUDY["variants"]), ""
     for name, cause, form, said in STUDY["causes"]:
         yield f"  {name}", numbers([left(one, cause, form) for one in tables], ".0f"), said
-    odds = []
-    for one in tables:
-        weighed = {row["cause"]: row["log_odds"] for row in one.weighed()}
-        odds.append(np.exp(weighed["accelerometer.angular_leak"] - weighed["accelerometer.current_leak"]))
+    weighed = [{row["cause"]: row["log_odds"] for row in one.weighed()} for one in tables]
+    odds = [np.exp(row["accelerometer.angular_leak"] - row["accelerometer.current_leak"]) for row in weighed]
     yield "  odds of the coupling against a current", numbers(odds, ".0f"), "not weighed"
     for name, more in STUDY["more"].items():
         chi2 = apart(tables[0], more)
@@ -121,9 +116,14 @@ def draw(root: Path, folder: Path) -> None:
     from matplotlib import pyplot as plt
 
     folder.mkdir(parents=True, exist_ok=True)
+    chosen = catalog.parameters("thrusters")
     figure, (left, right) = plt.subplots(1, 2, figsize=(9, 3.2), layout="constrained")
     for letter, color in (("A", "#1f77b4"), ("B", "#d55e00")):
-        firings, rows = attitude(root, letter)
+        source = load("thrusters").source(data=root / "grace-2014-01-15", satellite=letter)
+        products = {name: stage.read(ref) for name, ref in thrusters.DISCOVERY.baseline(source, chosen).items()}
+        records, settings = model.records(products["align"]), thrusters.settings(source, chosen)
+        rows = estimate.rows_of(records.camera, model.noise_of(products["noise"]), **settings)
+        firings = records.firings
         gains = [fitted(rows, [row.segment.gains(firings.late_by(-s)) for row in rows])[2] for s in SHIFTS_S]
         left.plot(SHIFTS_S, gains, color=color, marker=".", lw=1, label=f"GRACE-{letter}")
         roll = (firings.impulse_b * [1, 0, 0])[:, :, None]
@@ -135,15 +135,6 @@ def draw(root: Path, folder: Path) -> None:
     right.axhline(0, color="0.6", lw=0.8)
     right.set(xlabel="time from the tag of a firing (s)", ylabel="roll impulse / nominal")
     figure.savefig(folder / "discovery_firings.svg", metadata={"Date": None})
-
-
-def attitude(root: Path, letter: str):
-    """Firings of a satellite on 2014-01-15, and whitened rows of every block of its attitude without them."""
-    chosen = catalog.parameters("thrusters")
-    source = load("thrusters").source(data=root / "grace-2014-01-15", satellite=letter)
-    products = {name: stage.read(ref) for name, ref in thrusters.DISCOVERY.baseline(source, chosen).items()}
-    records, noise = model.records(products["align"]), model.noise_of(products["noise"])
-    return records.firings, estimate.rows_of(records.camera, noise, **thrusters.settings(source, chosen))
 
 
 def fitted(rows, columns):

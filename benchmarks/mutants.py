@@ -29,8 +29,7 @@ def mutants(options) -> list[Figure]:
     with tempfile.TemporaryDirectory() as folder:
         copy, left = Path(folder), 0
         for name in COPIED:
-            of = shutil.copytree if (ROOT / name).is_dir() else shutil.copy
-            of(ROOT / name, copy / name)
+            (shutil.copytree if (ROOT / name).is_dir() else shutil.copy)(ROOT / name, copy / name)
         named = list(dict.fromkeys(tests for *_, tests in chosen))
         whole = " tests/".join(tests for tests in named if " -k " not in tests)
         for tests in filter(None, (whole, *(tests for tests in named if " -k " in tests))):

@@ -1,10 +1,13 @@
-"""The published processing on invented truth: what it gets wrong.
+"""The published processing on invented truth and what it gets wrong; days of the papers from a loopback archive."""
 
-Every number of docs/published_methods.md: each calibration is simulated, processed as printed and as gravcal does it,
-and both are compared with the truth behind the records.
-"""
-
+import datetime
 import functools
+import os
+import tarfile
+import tempfile
+import time
+from http.server import SimpleHTTPRequestHandler
+from pathlib import Path
 
 import numpy as np
 
@@ -12,14 +15,18 @@ from benchmarks import gradient_torque as gradient
 from benchmarks import inertial_sensor as inertial
 from benchmarks import kbr_phase_centre as kbr
 from benchmarks import recovery
-from benchmarks.tables import Figure, numbers, parts, rms, show, title
+from benchmarks.tables import Figure, numbers, of_tests, parts, rms, say, show, title
+from flows import reproduce
 from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES
+from gravcal.io import archive, fetch
 from gravcal.simulation import kbr_phase_centre as simulation
 
 DELAY_S = 0.3  # of the accelerometer's tags, a plausible one
 METHODS = ("published", "gravcal")
 SUBSETS = ("all", "positive", "mirror")
+PAPERS = ("com_offset", "kbr_phase_centre")
+SERVER = "http://server/"
 
 
 def published_methods(options) -> list[Figure]:
@@ -103,3 +110,41 @@ def gradient_torque(runs) -> dict:
                 error = gradient.dragged(modelled, name)["drag_b"].values - truth["drag"]
                 found.setdefault((name, places), []).append(rms(error))
     return table({name: (rms(kept),) for name, kept in found.items()})
+
+
+def papers(options) -> list[Figure]:
+    """Simulate, serve, fetch and reproduce; what was made."""
+    figures = []
+    for name in [options.calibration] if options.calibration else PAPERS:
+        title(f"{name}: days simulated, served and fetched")
+        with tempfile.TemporaryDirectory() as folder:
+            begin = time.perf_counter()
+            os.environ["NO_PROXY"] = "127.0.0.1"
+            handler = functools.partial(SimpleHTTPRequestHandler, directory=served(name, Path(folder)))
+            with of_tests("commands").serving(handler) as address:
+                out = Path(options.out) / name if options.out else Path(folder) / "out"
+                document = reproduce.reproduce(name, out, place=address, tell=say)
+            fetched = len(list((out / "data").glob("*.tgz")))
+            seconds = time.perf_counter() - begin
+        figures.append(Figure(f"{name}: archives fetched", f"{fetched}", f"{seconds / 60:.0f} min"))
+        made = [row["corrected"][0] is not None for item in document["items"] for row in item["rows"]]
+        figures.append(Figure("  rows, of them corrected", f"{len(made)}, {sum(made)}"))
+    return show(figures)
+
+
+def served(name: str, folder: Path) -> Path:
+    """Folder with archives of the Level-1 files of all days of a paper, each where the official servers have it."""
+    raw, root = folder / "raw", folder / "served"
+    reproduce.invent(name, raw, raw / "dates", folder)
+    days = {}
+    for file in archive.inventory(raw):
+        for one in fetch.of_day(file.satellite, datetime.date.fromisoformat(file.date)):
+            days.setdefault(one, [])
+            days[one] += [file.path] if one.level == file.product[3:] else []
+    for one, paths in days.items():
+        path = root / fetch.addresses(one, SERVER)[0].removeprefix(SERVER)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tarfile.open(path, "w:gz", compresslevel=1) as tar:
+            for own in paths:
+                tar.add(own, own.name)
+    return root

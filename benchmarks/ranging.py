@@ -1,14 +1,14 @@
 """Routine pointing with star-camera noise as measured: errors over sigma, and what the file's correction would give.
 
-Antenna vectors are drawn apart from the mean pointing, 3 mm scatter, so that pointing noise with x held, which returns
-the vector along the mean pointing, is found out. Every run is a whole day of Level-1 columns. With --data: one day.
+Antenna vectors are drawn 3 mm apart from the mean pointing, so that pointing noise with x held, which returns the
+vector along the mean pointing, is found out. Every run is a whole day. With --data: a measured one.
 """
 
 import functools
 
 import numpy as np
 
-from benchmarks.kbr_phase_centre import DAY
+from benchmarks.kbr_phase_centre import DAY, chain
 from benchmarks.tables import STUDIES, Figure, numbers, rms, rms_figure, say, show, study
 from flows import engine, kbr_phase_centre, ranging
 from flows.calibration import load
@@ -94,10 +94,11 @@ def beside(rows, column):
     return model.blocks(rows, **settings, beside=column)
 
 
-def normal(rows, observed, column):
-    """Normal equations (q, q), (q,) of columns of a range (n,), by the blocks and the noise of the day."""
+def regressed(rows, observed, column):
+    """Sizes and covariance of columns (n, q) of a range (n,), by the blocks and the noise of the day."""
     information, right, _ = model.equations_of(beside(rows, column), rows, observed, column)
-    return information.sum(axis=0), right.sum(axis=0)
+    covariance = least_squares.covariance(information.sum(axis=0))
+    return covariance @ right.sum(axis=0), covariance
 
 
 def first_said(folder):
@@ -117,8 +118,8 @@ def first_said(folder):
     yield "range minus orbit at 3, 4, 5 mHz", f"{numbers(density, '.2f')} mm/sqrt(Hz)", "0.32 at 4"
     yield "  mean from 2.5 to 5 mHz", f"{mean:.2f} mm/sqrt(Hz)", ""
     for name, one in (("as measured", as_measured(equations)), ("smoothed", 1e-3 * rows["column"].values)):
-        value, sigma = regressed(rows, rows["observed"].values, one)
-        text = ", ".join(f"{value[k]:.0f} +- {sigma[k]:.0f}" for k in HELD)
+        value, covariance = regressed(rows, rows["observed"].values, one)
+        text = ", ".join(f"{value[k]:.0f} +- {covariance[k, k] ** 0.5:.0f}" for k in HELD)
         yield f"x by pointing {name}", f"{text} mm", SAID[f"x {name}"]
     value, sigma, share = trap(rows, equations, soe)
     behind = numbers(1e3 * behind_correction(aligned, pointed).value, ".2f").split()
@@ -136,15 +137,9 @@ def trap(rows, equations, held):
     grid = np.stack([np.interp(even, time, one - one[0]) for one in as_measured(equations).T], axis=1)
     noisy = noise.filtered(grid, step, lambda f: (f >= low) & (f < high))[np.rint((time - time[0]) / step).astype(int)]
     observed = rows["observed"].values
-    value, sigma = regressed(rows, observed - noisy[:, HELD] @ held[HELD], noisy[:, FREE])
-    return value, sigma, np.ravel(regressed(rows, observed, (noisy @ held)[:, None]))
-
-
-def regressed(rows, observed, column):
-    """Sizes and sigmas of columns (n, q) of a range (n,)."""
-    information, right = normal(rows, observed, column)
-    covariance = least_squares.covariance(information)
-    return covariance @ right, np.sqrt(np.diag(covariance))
+    value, covariance = regressed(rows, observed - noisy[:, HELD] @ held[HELD], noisy[:, FREE])
+    (share,), ((variance,),) = regressed(rows, observed, (noisy @ held)[:, None])
+    return value, np.sqrt(np.diag(covariance)), (share, variance**0.5)
 
 
 def behind_correction(aligned, pointed):
@@ -170,7 +165,7 @@ def one_day(settings, seed):
 
 def process(columns, truth):
     """Rows of a day and what is found, in memory; shares are those of the true antenna correction."""
-    observed, pair = simulation.ingested(columns), catalog.parameters("kbr_phase_centre")
+    observed, pair = chain.ingested(columns), catalog.parameters("kbr_phase_centre")
     chosen = catalog.parameters("ranging")
     nominal = {"nominal_m": tuple(tuple(1e-3 * v for v in truth["phase_centre_mm"][letter]) for letter in "CD")}
     aligned = of_pair.align(*(observed[name] for name in FILES), **pair.for_stage("align"))
@@ -182,6 +177,6 @@ def process(columns, truth):
 
 def undiluted(rows, equations):
     """The same (4,) of y and z, mm, with pointing as measured as the regressor: x free, and x held at the catalogue."""
-    matrix, side = normal(rows, rows["observed"].values, as_measured(equations))
-    fixed = side[FREE] - matrix[np.ix_(FREE, HELD)] @ held_mm("CD")[HELD]
-    return np.linalg.solve(matrix, side)[FREE], np.linalg.solve(matrix[np.ix_(FREE, FREE)], fixed)
+    value, covariance = regressed(rows, rows["observed"].values, as_measured(equations))
+    off, gain = value[HELD] - held_mm("CD")[HELD], covariance[np.ix_(FREE, HELD)]
+    return value[FREE], value[FREE] - gain @ np.linalg.solve(covariance[np.ix_(HELD, HELD)], off)

@@ -39,8 +39,7 @@ def simulated(seed: int, effects: dict) -> tuple:
 def recovery(options) -> list[Figure]:
     """Study of the first simulator, in memory."""
     words = f"recovery: com_offset, {{}} simulated events, offset 60 um and delays {DELAY_SIGMA_S} s (sigma) drawn"
-    found = study(options, 12 if options.quick else 200, words, one, options.seed)
-    error, ratio, bound, late = found
+    error, ratio, bound, late = study(options, 12 if options.quick else 200, words, one, options.seed)
     say(f"components not determined: {np.isnan(error).sum()} of {error.size}\n")
     each = [(f"{v} {a}", (slice(None), i, j), v in HELD) for i, v in enumerate(VARIANTS) for j, a in enumerate("xyz")]
     of_bound, delays = error / bound[:, None, :], [(f"delay {k}", late[:, i]) for i, k in enumerate(DELAYS)]
@@ -91,10 +90,7 @@ def bound(truth: dict, motion: list, drift_degree: int) -> np.ndarray:
 
 @functools.cache
 def _factors(nodes, amplitudes, rounding, step, count=1850):
-    """Cholesky factor of the covariance of `count` samples, one an axis; its leading part serves fewer samples.
-
-    Densities are given by amplitudes at nodes in Hz, for each axis; rounding is a variance.
-    """
+    """Cholesky factor of the covariance of samples, one an axis: amplitudes at nodes in Hz, rounding as a variance."""
     frequency = np.fft.rfftfreq(LAGS, step)
     factors = []
     for amplitude, variance in zip(amplitudes, rounding, strict=True):
@@ -109,13 +105,12 @@ def heads(options) -> list[Figure]:
     """Errors over sigma of bias and noise of star-camera heads; noise as measured, or drawn anew for two of them."""
     invented, figures = of_tests("calibrations.invented_heads"), []
     known = np.array(catalog.satellite("C").settings()["star_camera_head_noise"])
-    across = slice(0, 2)
     for own in ((1, 2, 3), (1, 2), (1, 3), (2, 3)):
         every, rng = [], np.random.default_rng(options.seed)
         for seed in range(options.seed, options.seed + (options.runs or 30)):
             sigma = known.copy()
             if len(own) == 2:  # as those of the catalogue scatter
-                sigma[:, across] = np.exp(np.log(known[:, across]).mean() + 0.45 * rng.standard_normal((3, 2)))
+                sigma[:, :2] = np.exp(np.log(known[:, :2]).mean() + 0.45 * rng.standard_normal((3, 2)))
             with tempfile.TemporaryDirectory() as folder:
                 every.append(invented.errors(Path(folder), own, seed, sigma))
         (names, *_), score, share = (np.array(part) for part in zip(*every, strict=True))

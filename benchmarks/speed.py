@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks import stopwatch as watch
+from benchmarks import tables as watch
 from benchmarks.gradient_torque import orbit_points
 from benchmarks.tables import CLI, Figure, at_least, at_most, of_tests, show, title
 
@@ -55,7 +55,6 @@ def attitude(options) -> list[Figure]:
     title("attitude: 180 s of square wave, attitude and 6 x 6 state transition at 1 Hz")
     peer = of_tests("physics.physics_references")
     state, torque, at = peer.manoeuvre()
-
     work = integrate_with_sensitivity, peer.attitude_by_scipy, (at, state, torque)
     return show(against("scipy DOP853", *work, options.rounds, 50), "min .. max")
 

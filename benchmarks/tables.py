@@ -1,20 +1,25 @@
-"""What all studies share: cases in worker processes, figures beside targets, tables, a last word on what was met."""
+"""What all studies share: cases in processes, figures beside targets, timing in turn, a last word on what was met."""
 
 import importlib
 import multiprocessing
+import statistics
+import subprocess
 import sys
+import time
 import tomllib
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+import psutil
 from scipy import stats
 
 ROOT = Path(__file__).parents[1]
 STUDIES = tomllib.loads((ROOT / "benchmarks" / "studies.toml").read_text())
 CLI = [sys.executable, "-m", "flows.cli"]
+middle = statistics.median
 FALSE_ALARM = 0.01  # chance that any statistic of a study leaves its interval though all is right
 
 
@@ -161,3 +166,45 @@ def bias_figure(name: str, ratio) -> Figure:
     error = float(ratio.std(ddof=1) / np.sqrt(ratio.size))
     mean, limit = float(ratio.mean()), 0.2 + 3 * error
     return Figure(name, f"{mean:+.3f}", f"+- {3 * error:.3f}", f"|.| <= {limit:.2f}", abs(mean) <= limit)
+
+
+def interleaved(work: Mapping[str, Callable], rounds: int) -> dict[str, list[float]]:
+    """Seconds of each piece of work by name, measured A B C A B C ..., each run once before, not counted."""
+    for run in work.values():
+        run()
+    spent = {name: [] for name in work}
+    for _ in range(rounds):
+        for name, run in work.items():
+            start = time.perf_counter()
+            run()
+            spent[name].append(time.perf_counter() - start)
+    return spent
+
+
+def ratios(above: list[float], below: list[float]) -> list[float]:
+    """Ratio of each round, both taken seconds apart."""
+    return [a / b for a, b in zip(above, below, strict=True)]
+
+
+def span(values: list[float], unit: str = "") -> str:
+    """Smallest and largest."""
+    return f"{min(values):.3g} .. {max(values):.3g}{unit}"
+
+
+def seconds(name: str, spent: list[float], unit: str = "s") -> Figure:
+    """Median time without a target."""
+    return Figure(name, f"{middle(spent):.3g} {unit}", span(spent))
+
+
+def command(words: list, environment: Mapping) -> tuple[float, float, str]:
+    """Wall seconds of a command, processor seconds of the machine meanwhile, and what it printed."""
+    start, before = time.perf_counter(), psutil.cpu_times()
+    text = subprocess.run(words, env=environment, check=True, capture_output=True, text=True).stdout
+    wall, after = time.perf_counter() - start, psutil.cpu_times()
+    busy = sum(getattr(after, kind) - getattr(before, kind) for kind in ("user", "nice", "system"))
+    return wall, busy, text
+
+
+def stolen() -> float:
+    """Seconds of processor that this machine wanted and its host gave to others; 0 where that is not told."""
+    return getattr(psutil.cpu_times(), "steal", 0.0)

@@ -3,6 +3,7 @@
 import functools
 import json
 import re
+from http.server import SimpleHTTPRequestHandler
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -11,7 +12,7 @@ import pytest
 from commands import serving
 from typer.testing import CliRunner
 
-from benchmarks import papers
+from benchmarks import published_methods
 from flows import calibration, cli, reproduce
 from gravcal import catalog
 
@@ -44,10 +45,10 @@ def test_a_paper_is_reproduced_from_an_archive(name, tmp_path, monkeypatch):
     figures = [one for one in paper["figures"] if "series" not in one]
     narrowed = paper | {"tables": tables, "figures": figures, "simulate": paper["simulate"] | settings}
     monkeypatch.setattr(reproduce, "papers", lambda: {name: narrowed})
-    served, out = papers.packed(papers.invented(name, tmp_path), tmp_path / "served"), tmp_path / "out"
+    served, out = published_methods.served(name, tmp_path), tmp_path / "out"
     for variable, value in (("NO_PROXY", "127.0.0.1"), ("NETRC", str(tmp_path / "netrc"))):
         monkeypatch.setenv(variable, value)
-    with serving(functools.partial(papers.Quiet, directory=served)) as address:
+    with serving(functools.partial(SimpleHTTPRequestHandler, directory=served)) as address:
         done = CliRunner().invoke(cli.app, ["reproduce", name, "--from", address, "--out", str(out)])
     assert done.exit_code in (0, 4), done.output
     assert sorted(path.suffix for path in (out / "data").iterdir()) == [".tgz"] * 4  # two levels of two days
