@@ -4,24 +4,10 @@ from pathlib import Path
 
 import xarray as xr
 
-TITLES = {
-    "ACC1A": ("Level-1A Accelerometer Data", "10-Hz linear and angular acceleration measurements in AF", "1A"),
-    "SCA1B": ("Level-1B Star Camera Data", "1-Hz quaternions from Inertial Frame to SRF", "1B"),
-    "MAG1B": ("Level-1B Magnetometer and Torque Rod Data", "magnetometer measurements and torque rod data", "1B"),
-    "GNV1B": ("Level-1B GPS Navigation Data", "1-Hz trajectory states in Earth-Fixed Frame", "1B"),
-    "GNI1B": ("Level-1B Intermediate GPS Navigation Data", "1-Hz trajectory states in Inertial Frame", "1B"),
-    "CLK1B": ("Level-1B Clock Offset Data", "Clock offset values to convert time tags to GPS Time", "1B"),
-    "TIM1B": ("Level-1B Clock Data", "Clock mappings from OBC to Receiver Time", "1B"),
-    "KBR1B": ("Level-1B K-Band Ranging Data", "biased inter-satellite ranges and two time derivatives", "1B"),
-}
 _ORBIT = "gps_time:seconds GRACEFO_id:char coord_ref:char " + " ".join(
     f"{axis}{kind}:{unit}" for kind, unit in (("pos", "m"), ("pos_err", "m"), ("vel", "m/s"), ("vel_err", "m/s"))
     for axis in "xyz"
 ) + " qualflg:"  # fmt: skip
-_ACC_FLAGS = """
-lin_accl_x lin_accl_y lin_accl_z ang_accl_x ang_accl_y ang_accl_z bias_vol vd x1_out x2_out x3_out y1_out y2_out z1_out
-tesu taicu tisu v15picu v15micu vr5picu tcicu v15psu v15msu v48psu v48msu not_defined icu_blk_nr Tenhz_count Mhz_count
-"""
 COLUMNS = {
     "ACC1A": "rcvtime_intg:seconds rcvtime_frac:microseconds time_ref:char GRACEFO_id:char qualflg: prod_flag: "
     "lin_accl_x:m/s2 lin_accl_y:m/s2 lin_accl_z:m/s2 ang_accl_x:rad/s2 ang_accl_y:rad/s2 ang_accl_z:rad/s2 icu_blk_nr:",
@@ -42,38 +28,22 @@ COLUMNS = {
 }
 
 
-def _ordinal(number):
-    suffix = "th" if 10 < number % 100 < 14 else {1: "st", 2: "nd", 3: "rd"}.get(number % 10, "th")
-    return f"{number}{suffix}"
-
-
 def _variables(product):
     lines = []
     for number, column in enumerate(COLUMNS[product].split(), 1):
         name, unit = column.split(":")
-        lines += [f"    - {name}:", f"        comment: {_ordinal(number)} column"]
-        lines += [f"        long_name: {name.replace('_', ' ')}"]
+        lines += [f"    - {name}:", f"        comment: column {number}"]
         lines += [f"        units: {unit}"] if unit else []
-        if name == "prod_flag":
-            lines += [
-                "        flag_meanings:",
-                *(f"          - bit {i} = {n}" for i, n in enumerate(_ACC_FLAGS.split())),
-            ]
     return lines
 
 
 def header(product, satellite, count, first, last):
     """Text of the YAML header, end mark included."""
-    title, summary, level = TITLES[product]
     fixed = {
-        "conventions": "CF-1.6, ACDD-1.3, ISO 8601",
-        "id": f"10.5067/GFJPL-L{level}04",
         "institution": "NASA/JPL",
         "platform": f"GRACE {'C+D' if satellite == 'Y' else satellite}",
-        "processing_level": level,
         "product_version": "04",
-        "summary": summary,
-        "title": f"GRACE-FO {title}",
+        "title": f"GRACE-FO {product}",
     }
     lines = ["header:", "  dimensions:", f"    num_records: {count}", "  global_attributes:"]
     lines += [f"    {key}: {text}" for key, text in fixed.items()]
@@ -87,7 +57,7 @@ class Writer:
 
     def __init__(self, folder, satellite, date, day):
         self.folder, self.satellite, self.date, self.day = Path(folder), satellite, date, int(day)
-        self.rows = {product: [] for product in TITLES}
+        self.rows = {product: [] for product in COLUMNS}
 
     def add(self, product, rows):
         """Append lines."""
