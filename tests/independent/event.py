@@ -23,11 +23,10 @@ class Settings:
     satellite: str = "C"
     date: str = "2020-02-01"
     offset_um: tuple = (107.0, 4.0, 13.0)  # proof mass -> centre of mass
-    manoeuvres: list | None = None  # None: the seven; else (kind, area) pairs or mappings of plan.Manoeuvre fields
+    manoeuvres: list | None = None  # None: the seven; else (kind, area) pairs
     window_s: tuple = (300.0, 300.0)  # quiet time before and after each manoeuvre
     effects: dict = field(default_factory=dict)  # see catalogue.EFFECTS
-    noise_scale: float = 1.0  # of all instruments
-    noise_change: float = 0.0  # spread of the logarithm of its amplitude from window to window, of each instrument
+    noise_change: float = 0.0  # spread of the logarithm of the noise from window to window, of each instrument
     start_fraction: float | None = None  # of the second in which each wave starts; None: random for each
     inertia: tuple = (110.49, 580.67, 649.69)  # kg m2
     control: str = "off"  # control currents during a manoeuvre: "off" or "on"

@@ -102,7 +102,7 @@ def motion(orbit, t, step, rng, known):
     return turned, table[:, 4:7], table[:, 7:], body, drag[::2]
 
 
-def make_day(folder, seed, effects=None, duration_s=8000.0, step=1.0, noise_scale=1.0):
+def make_day(folder, seed, effects=None, duration_s=8000.0, step=1.0):
     """Write the record of some hours and, beside its folder, the field as field.gfc; return the truth.
 
     Parameters
@@ -112,7 +112,6 @@ def make_day(folder, seed, effects=None, duration_s=8000.0, step=1.0, noise_scal
     effects : {name: value} of `EFFECTS`: misalignment (3) rad, residual_dipole (3) A m2, mounting (2, 3) m (true minus
         stated place), odd_rectified (3): share of the size of the linear x reading that is added
     duration_s, step : s
-    noise_scale : of sensors and star camera
     """
     effects = effects or {}
     if unknown := effects.keys() - set(EFFECTS):
@@ -130,9 +129,9 @@ def make_day(folder, seed, effects=None, duration_s=8000.0, step=1.0, noise_scal
         moved = np.einsum("nij,j->ni", body, r) - np.cross(w, np.cross(w, r)) - np.cross(wd, r) - drag
         moved = Rotation.from_rotvec(effects.get("misalignment", np.zeros(3))).inv().apply(moved)
         moved += np.outer(np.abs(moved[:, 0]), effects.get("odd_rectified", np.zeros(3)))
-        linear.append(moved + noise_scale * noise.coloured(rng("linear", k), len(t), LINEAR, 1 / step))
-        angular.append(-wd + noise_scale * noise.coloured(rng("angular", k), len(t), ANGULAR, 1 / step))
-    seen = turned * Rotation.from_rotvec(noise_scale * noise.coloured(rng("camera"), len(t), CAMERA, 1 / step))
+        linear.append(moved + noise.coloured(rng("linear", k), len(t), LINEAR, 1 / step))
+        angular.append(-wd + noise.coloured(rng("angular", k), len(t), ANGULAR, 1 / step))
+    seen = turned * Rotation.from_rotvec(noise.coloured(rng("camera"), len(t), CAMERA, 1 / step))
     series, vector = ("time", "sensor", "axis"), ("time", "axis")
     variables = {
         "linear": (series, np.stack(linear, 1), "m s-2"),

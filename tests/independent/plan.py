@@ -47,15 +47,11 @@ class Manoeuvre:
 
 
 def build(rng, specs):
-    """Manoeuvre objects from (kind, area) pairs or mappings of their fields; None gives the seven."""
+    """Manoeuvre objects from (kind, area) pairs; None gives the seven."""
     made = []
-    for spec in SEVEN if specs is None else specs:
-        known = dict(spec) if isinstance(spec, dict) else {"kind": spec[0], "area": spec[1]}
-        known.setdefault("area", "low" if known["kind"] == "yaw" else "high")
-        known.setdefault("rod", ROD[known["kind"], known["area"]])
-        known.setdefault("polarity", int(rng.choice([-1, 1])))
-        known.setdefault("centre_latitude_deg", rng.uniform(*LATITUDE[known["area"]]))
-        made.append(Manoeuvre(**known))
+    for kind, area in SEVEN if specs is None else specs:
+        drawn = {"polarity": int(rng.choice([-1, 1])), "centre_latitude_deg": rng.uniform(*LATITUDE[area])}
+        made.append(Manoeuvre(kind, area, ROD[kind, area], **drawn))
     return made
 
 

@@ -117,7 +117,7 @@ def hidden(pair, t, effects):
     return out
 
 
-def make_campaign(folder, seed, effects=None, orbit_error_m=1e-3, noise_scale=1.0):
+def make_campaign(folder, seed, effects=None, orbit_error_m=1e-3):
     """Write the Level-1 files of a ranging campaign of one day; return the truth.
 
     Parameters
@@ -126,7 +126,6 @@ def make_campaign(folder, seed, effects=None, orbit_error_m=1e-3, noise_scale=1.
     seed : int
     effects : {name: settings} of `EFFECTS`; star_camera_delay: {satellite: seconds late}
     orbit_error_m : of the written orbits, at one and two cycles per revolution
-    noise_scale : of ranging and star cameras
     """
     effects, pair, day = effects or {}, Pair(seed), earth.day_start(DATE)
     if unknown := effects.keys() - set(EFFECTS):
@@ -137,7 +136,7 @@ def make_campaign(folder, seed, effects=None, orbit_error_m=1e-3, noise_scale=1.
     ends = {k: pair.orbit[k].position(t) + pair.attitude(k, t).apply(1e-3 * centre[k]) for k in "CD"}
     light = CubicSpline(knots := np.arange(-100.0, 86520.0, 30.0), pair.light_time(knots))
     phase = np.linalg.norm(ends["D"] - ends["C"], axis=1) - light(t) + hidden(pair, t, effects)
-    phase += noise_scale * noise.coloured(pair.rng("range"), len(t), RANGING, 1 / STEP)[:, 0]
+    phase += noise.coloured(pair.rng("range"), len(t), RANGING, 1 / STEP)[:, 0]
     filtered = [fftconvolve(phase - phase.mean(), crn(order), "same") for order in range(3)]
     keep = np.searchsorted(t, epochs)
     both, day = Writer(folder, "Y", DATE, day), int(day)
@@ -146,7 +145,7 @@ def make_campaign(folder, seed, effects=None, orbit_error_m=1e-3, noise_scale=1.
     for letter, orbit in pair.orbit.items():
         one = Writer(folder, letter, DATE, day)
         late = effects.get("star_camera_delay", {}).get(letter, 0.0)
-        error = noise_scale * noise.coloured(pair.rng("camera", letter), len(seconds), CAMERA, 1.0)
+        error = noise.coloured(pair.rng("camera", letter), len(seconds), CAMERA, 1.0)
         seen = pair.attitude(letter, seconds - late) * Rotation.from_rotvec(error)
         one.star_camera(seconds, seen.as_quat(scalar_first=True))
         slow = noise.Smooth(pair.rng("error", letter), np.zeros(3), orbit_error_m, 0.0)

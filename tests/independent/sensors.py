@@ -19,7 +19,7 @@ def loudness(scene, kind):
     """Amplitude of the noise of an instrument in this window."""
     s = scene.world.settings
     change = stream(scene.world.seed, "loudness " + kind, round(scene.t[0])).normal() if s.noise_change else 0.0
-    return s.noise_scale * np.exp(s.noise_change * change)
+    return np.exp(s.noise_change * change)
 
 
 def truth_at_proof_mass(scene):
