@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 
-from flows.calibration import known, load
+from flows.calibration import load
 from gravcal.report import comparison
 from gravcal.store.results import Value
 
@@ -86,27 +86,3 @@ def test_models_and_long_settings_show_where_they_differ(first, second, said):
     assert all(name == "model" and a != b for name, a, b in rows)
     for before, after in said:
         assert any(before in a and after in b for _, a, b in rows), rows
-
-
-def values(calibration, **document):
-    """Labels of the values that a document hands on, as its calibration says, and the values."""
-    found = list(load(calibration).result({"calibration": calibration, "status": "delivered"} | document))
-    return ", ".join(one.label for one in found), found
-
-
-def test_the_values_of_every_calibration_are_named():
-    """Contract: adopted phase centres; k, beta, offset and bias; errors of the methods; nothing of a failed event."""
-    centre = {"phase_centre_mm": [1.0, 2.0, None], "sigma_mm": [0.1, 0.2, None]}
-    labels, found = values("kbr_phase_centre", adopted={"satellites": {"C": centre}})
-    assert labels == "C x, C y, C z"
-    assert [(one.value, one.unit) for one in found] == [(1.0, "mm"), (2.0, "mm"), (None, "mm")]
-    swing = {"k": {"x": {"value": 1.0, "sigma": 0.1}, "y": None}, "beta": {"x": {"value": 2.0, "sigma": 0.1}}}
-    swing["adopted"] = {"value": [1.0] * 3, "sigma": [2.0] * 3, "sigma_total": [3.0] * 3}
-    roll = {"bias": {"value": [1.0, None, 2.0], "sigma": [1.0, None, 1.0]}}
-    labels, _ = values("inertial_sensor", swing=swing, roll=roll)
-    assert labels == "offset x, offset y, offset z, k x, beta x, bias x, bias y, bias z"
-    drag = {"two_sensor": {"sigma_total_rms": 1e-12, "rms_error": 2e-12}}
-    drag["one_sensor"] = {"sigma_total_rms": 3e-12, "rms_error": None}
-    assert values("gradient_torque", drag=drag)[0] == "two sensor, two sensor error, one sensor"
-    for name in known():
-        assert values(name, status="failed") == ("", [])

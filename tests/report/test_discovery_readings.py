@@ -13,20 +13,18 @@ from gravcal.report import discovery_words as words
 PLACE = {"finding": 0, "channel": "linear", "block": "manoeuvre 2", "axis": 1}
 
 
-def found(added, axes=3, number=0, parameters=None, **attrs):
+def found(added, number=0, parameters=None):
     """Product with a linear reading of some nm s-2, 200 s of one manoeuvre of period 12 s; `added` by the finding."""
     time = np.arange(0.0, 200.0, 0.5)
-    square = 5e-9 * np.sign(np.sin(2 * np.pi * time / 12))[:, None] * np.ones(axes)
-    noise = 1e-11 * np.random.default_rng(3).standard_normal((time.size, axes))
+    square = 5e-9 * np.sign(np.sin(2 * np.pi * time / 12))[:, None] * np.ones(3)
+    noise = 1e-11 * np.random.default_rng(3).standard_normal((time.size, 3))
     values = {"measured": square + added(time)[:, None] + noise, "simulated": square}
     values["extended"] = square + added(time)[:, None] if number >= 0 else np.full_like(square, np.nan)
-    channel, unit = ("linear", "m s-2") if axes == 3 else ("range", "m")
-    data = {f"{channel}_{part}": ((f"{channel}_time", "axis"), v, {"units": unit}) for part, v in values.items()}
-    data[f"{channel}_finding"] = (f"{channel}_time", np.full(time.size, float(number)))
-    shown = [PLACE | {"finding": number, "channel": channel, "axis": min(1, axes - 1)}]
+    data = {f"linear_{part}": (("linear_time", "axis"), v, {"units": "m s-2"}) for part, v in values.items()}
+    data["linear_finding"] = ("linear_time", np.full(time.size, float(number)))
     findings = [{"parameters": parameters or {}}] if number >= 0 else []
-    made = xr.Dataset(data, {f"{channel}_time": 6e8 + time}, attrs=attrs)
-    return tabled(made, {"findings": findings, "readings": {"shown": shown, "periods": [12.0]}})
+    made = xr.Dataset(data, {"linear_time": 6e8 + time})
+    return tabled(made, {"findings": findings, "readings": {"shown": [PLACE | {"finding": number}], "periods": [12.0]}})
 
 
 def follows(time):
@@ -66,9 +64,8 @@ def test_a_panel_shows_reading_and_difference_in_units_and_what_is_not_named_no_
     left = {bars.get_label(): bars.lines[0].get_ydata() for bars in figure.axes[1].containers}
     assert np.abs(left["simulated without it"]).mean() == pytest.approx(100, rel=0.1)  # pm s-2
     assert np.abs(left["extended model"]).max() < 10
-    product = found(follows, axes=1, number=-1)
+    product = found(follows, number=-1)
     figure = discovery.reading(product, -1)
-    assert figure.axes[0].get_ylabel() == "range (nm)"
     assert "extended model" not in figure.axes[0].get_legend_handles_labels()[1]
     assert "least likely band" in discovery.caption(product, -1, {})
     product = found(follows)
