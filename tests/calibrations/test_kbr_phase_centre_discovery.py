@@ -7,6 +7,7 @@ from scipy.stats import chi2
 
 from gravcal import catalog
 from gravcal.calibrations.align import LATE_S, QUATERNION, late_of_pair
+from gravcal.calibrations.kbr_phase_centre import noise
 from gravcal.calibrations.kbr_phase_centre.observations import observe
 from gravcal.discovery import attribution, driver
 from gravcal.discovery.problem import baseline_of, inverse_of, prepare
@@ -98,6 +99,11 @@ def test_x_of_a_satellite_that_does_not_turn_keeps_its_information():
     expected = sum(one.T @ one for one in clean).astype(float)
     scale = np.sqrt(np.diag(expected))
     assert found / np.outer(scale, scale) == pytest.approx(expected / np.outer(scale, scale), abs=1e-6)
+    view, nothing = observed.view, np.zeros((observed.view.residual.size, 0))
+    free = [np.column_stack([half.slow, view.column[half.rows]]) for half in view.parts]  # and no candidate beside it
+    left = [(view.residual[h.rows], own, nothing[h.rows]) for h, own in zip(view.parts, free, strict=True)]
+    fitted = noise.with_restricted(view.measured, [half.stretch for half in view.parts], left)
+    assert np.all(fitted["pointing_power"].values >= 0)
 
 
 def test_a_phase_centre_that_moves_is_given_at_the_middle_of_the_wiggles():

@@ -406,4 +406,4 @@ def _basis_beside(baseline, tried):
     size = np.linalg.norm(left, axis=0)
     left = left[:, size > BESIDE * np.linalg.norm(tried, axis=0)]
     second, values, _ = np.linalg.svd(left / np.linalg.norm(left, axis=0), full_matrices=False)
-    return least_squares.orthonormal(np.column_stack([first, second[:, values > DEPENDENT * values[0]]]))
+    return least_squares.orthonormal(np.column_stack([first, second[:, values > DEPENDENT * values.max(initial=0.0)]]))
