@@ -9,11 +9,9 @@ from seeds import ALARM, MISSED, clean, enough
 
 from gravcal.simulation import kbr_phase_centre as simulation
 
-RNG_LEVEL = ALARM + 3 * MISSED  # of all its draws, see seeds.py
+RNG_LEVEL = ALARM + 2 * MISSED  # of all its draws, see seeds.py
 
 SHORT = {"phase_step_s": 1.0, "noise": "benign"}
-#: One satellite's four wiggles, far apart: what is of first order in the wiggle looks alike.
-FOUR = SHORT | {"manoeuvres": "+pitch_a,,,-pitch_a,+yaw_a,,,-yaw_a", "amplitude_deg": 0.5}
 CURVED = "ranging.phase_centre_curvature"
 #: At a signal-to-noise ratio of about 30, three times that of the study.
 LISTED = {
@@ -85,20 +83,6 @@ def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng,
         code, again = called("discover", folder, "--model", model, "--set", "discovery_level=0.0001")
         rest = causes(again)  # the search begins with the model
         return None if better and max(far) < 5 and not rest else f"{slug}, seed {seed}: {far}, {rest}"
-
-    enough(draw, rng, tmp_path)
-
-
-def test_a_second_cause_that_looks_alike_is_reported_tied(rng, tmp_path):
-    """Recovery: four wiggles, 9 sigma: x from pitch and yaw differ by drift of z or curvature, alike at first order."""
-    alike = {CURVED, "ranging.phase_centre_drift"}
-
-    def draw(seed, place):
-        folder, _ = written(place, seed, {"ranging.phase_centre_drift": {"z_a": 1.6e-9}}, FOUR)
-        code, document = called("discover", folder)
-        named = [{f["cause"], *f["tied_with"]} for f in document["findings"]]
-        good = code == 0 and len(named) == 1 and alike <= named[0] and document["findings"][0]["separation"]
-        return None if good else f"seed {seed}: {named}"
 
     enough(draw, rng, tmp_path)
 

@@ -10,10 +10,9 @@ from numpy.testing import assert_allclose
 from flows import com_offset, discover
 from gravcal import catalog
 from gravcal.calibrations.com_offset.observations import observe
-from gravcal.discovery.driver import Shown, clearest, dataset, variables
+from gravcal.discovery.driver import Shown, clearest, variables
 from gravcal.discovery.rounds import Choice, search
 from gravcal.estimation.noise import whiten
-from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Block, Candidate
 from tasks import stage
 
@@ -60,12 +59,6 @@ def test_what_a_finding_helps_most_is_shown_or_the_least_likely_band():
     assert_allclose(difference["simulated"][:, 0], 2 * found.before.rest[1][120:], atol=1e-12)  # rounding
     assert_allclose(difference["extended"][:, 0], 2 * found.after.rest[1][120:], atol=1e-12)
     assert abs(shown["linear_measured"].mean()) < 1e-12
-    product = dataset(found, {}, (), shown, places, [12.0])
-    assert product["linear_measured"].attrs["units"] == "m s-2"
-    assert set(product["linear_finding"].values) == {0.0}
-    place = {"finding": 0, "channel": "linear", "block": "block 1", "axis": 0}
-    assert result_of(product)["readings"] == {"shown": [place], "periods": [12.0]}
-    assert "angular_measured" not in product
     assert clearest(found, ("angular",), 0.005, without) == []
     found = result(2.0, listed=False)
     assert not found.findings
