@@ -19,7 +19,7 @@ from gravcal.estimation.quantities import result_of
 from gravcal.physics import frames
 from gravcal.store.schemas import validate
 
-RNG_LEVEL = 6 * 1e-4  # of all its draws, see seeds.py
+RNG_LEVEL = 5 * 1e-4  # of all its draws, see seeds.py
 
 START, HOURS = 443016000.0, 2.0
 INERTIA = np.diag([105.0, 570.0, 640.0])  # not that of the catalogue
@@ -185,12 +185,3 @@ def test_the_published_table_asks_for_one_coupling_not_for_a_lag_or_a_scale(
         assert measured.left(printed, slug, name) == pytest.approx(left, abs=1)
     yaws, pitches = (measured.apart(printed, more) for name, more in measured.STUDY["more"].items() if "45" in name)
     assert yaws < 1.1 * measured.apart(printed) < 0.6 * pitches  # the current is the same at both latitudes
-
-
-def test_errors_are_as_large_as_repeated_manoeuvres_differ(rng):
-    """Analytic: two manoeuvres 3 sigma off their mean in one number: factor sqrt(2 x 9 / 7 numbers)."""
-    made = rows(rng, 0.0)
-    for r in made:
-        r["value"] = np.where(np.isfinite(r["value"]), 0.0, np.nan)
-    made[1]["value"][0], made[2]["value"][0] = 4.5e-6, -4.5e-6
-    assert table.repeatability(made) == (pytest.approx(np.sqrt(18 / 7)), 7)
