@@ -1,8 +1,7 @@
 """Every command line of the README and of the pages of docs is typed, on simulated days or on measured ones.
 
-Placeholders are filled in (DIR, FOLDER, EVENT, FILE), archives come from a server on loopback, runs go without Prefect.
-What goes on until it is ended is ended. Some pages are typed as a whole, in an empty folder. The lines for
-a Prefect server of one's own are typed by tests/flows/test_serve.py.
+Placeholders are filled in (DIR, FOLDER, EVENT, FILE), runs go without Prefect. Some pages are typed as a whole, in an
+empty folder. The lines for a Prefect server of one's own are typed by tests/flows/test_serve.py.
 """
 
 import contextlib
@@ -10,11 +9,8 @@ import io
 import os
 import re
 import shlex
-import signal
 import subprocess
 import sys
-import urllib.request
-from http.server import BaseHTTPRequestHandler
 from pathlib import Path
 
 import commands
@@ -23,7 +19,6 @@ import typer
 
 from benchmarks import __main__ as benchmarks
 from flows import cli
-from flows.engine import server
 
 ROOT = Path(__file__).parent.parent
 MEASURED = ROOT.parent / "shared" / "data"
@@ -48,7 +43,9 @@ FOLDERS = {"2003-09-14": "grace-2003-09-14/binary"}
 #: Lines whose words are read and no more, and the tests that do what they say.
 READ = {
     "python -m benchmarks": "tests/test_published_methods.py",
-    "serve --": "tests/flows/test_serve.py",
+    "gravcal serve": "tests/flows/test_serve.py",
+    "gravcal browse": "tests/browse",
+    "gravcal fetch": "tests/io/test_fetch.py",
     "--limits": "tests/flows/test_cli.py, with magnetometer",
     "discover com_offset EVENT --model": "tests/calibrations/com_offset/test_model_error.py",
     "discover thrusters": "tests/discovery/test_measured_records.py, of the other satellite on that day",
@@ -72,9 +69,8 @@ def kind(line):
     """How a line is typed."""
     if any(mark in line for mark in READ):
         return "read"
-    for mark in ("gravcal serve", "gravcal browse", "gravcal fetch", "prefect"):
-        if mark in line:
-            return mark.split()[-1]
+    if "prefect" in line:
+        return "prefect"
     return "measured" if re.search(r"discover (attitude|thrusters|ranging|magnetometer)", line) else "plain"
 
 
@@ -142,7 +138,7 @@ def model(place):
 
 def filled(words, place):
     """Words of a line with its placeholders filled in."""
-    new = "simulate" in words or "fetch" in words
+    new = "simulate" in words
     name = next((word for word in words if word in DAYS), "com_offset")
     known = {"EVENT": lambda: EVENT, "FILE": lambda: model(place), "model.toml": lambda: model(place)}
     known["DIR"] = lambda: place / f"new-{len(list(place.iterdir()))}" if new else simulated(place, name)
@@ -154,13 +150,6 @@ def filled(words, place):
         head, equals, tail = word.rpartition("=")
         made.append(f"{head}{equals}{known[tail]()}" if tail in known else word)
     return made
-
-
-def test_every_line_is_typed_by_one_of_these_tests():
-    """Contract: no line of the pages is of a kind that nothing here types."""
-    known = {"plain", "measured", "serve", "browse", "fetch", "prefect", "read"}
-    assert len(lines()) > 30
-    assert {kind(line) for line in lines()} == known
 
 
 @pytest.mark.parametrize("line", of_kind("plain"))
@@ -177,85 +166,12 @@ def test_a_line_for_measured_data_delivers(line, typing):
     assert typing(re.sub(r"--data \S+", f"--data {folder}", line))
 
 
-class Archive(BaseHTTPRequestHandler):
-    """The same small archive under any name, and no checksums."""
-
-    def do_GET(self):  # noqa: N802
-        """One answer."""
-        import gzip
-        import tarfile
-
-        plain = io.BytesIO()
-        with tarfile.open(fileobj=plain, mode="w") as archive:
-            archive.addfile(tarfile.TarInfo("MAG1B_2020-02-01_C_04.txt"))
-        image = gzip.compress(plain.getvalue(), mtime=0)
-        is_archive = self.path.endswith("gz")
-        self.send_response(200 if is_archive else 404)
-        self.send_header("Content-Length", str(len(image) if is_archive else 0))
-        self.end_headers()
-        self.wfile.write(image if is_archive else b"")
-
-    def log_message(self, *_):
-        """Say nothing."""
-
-
-@pytest.mark.parametrize("line", of_kind("fetch"))
-def test_a_line_fetches(line, typing):
-    """Contract: from a server on loopback in place of the archive named or meant."""
-    with commands.serving(Archive) as address:
-        expected = "RL04.ascii.ACX2" if "--dry-run" in line else "compression only"
-        assert expected in typing(re.sub(r" --from \S+", "", line), "--from", address)
-
-
-def test_the_other_lines_of_fetch_name_archives_that_are_known():
+def test_the_lines_of_fetch_name_archives_that_are_known():
     """Contract: every word after --from is a place of the table or an address."""
     from gravcal.io import fetch
 
     places = {re.search(r"--from (\S+)", line).group(1) for line in lines() if "--from" in line}
     assert places - set(fetch.PLACES) == {"https://..."}
-
-
-@contextlib.contextmanager
-def begun(line, place, **environment):
-    """Address that a line prints which goes on until it is ended."""
-    words = filled(shlex.split(line), place)
-    known = os.environ | environment | {"GRAVCAL_PRODUCTS": str(place / "products")}
-    command = [sys.executable, "-m", "flows.cli", *map(str, words[1:])]
-    running = subprocess.Popen(command, cwd=ROOT, env=known, stdout=subprocess.PIPE, text=True, start_new_session=True)
-    try:
-        yield running.stdout.readline().split()[-1]
-    finally:
-        running.send_signal(signal.SIGTERM)
-        code = running.wait(60)
-        running.stdout.close()
-    assert code in (0, -signal.SIGTERM)
-
-
-def answer(address):
-    """Page at an address."""
-    keeping = urllib.request.build_opener(urllib.request.HTTPCookieProcessor())  # the token goes into a cookie
-    with keeping.open(address, timeout=60) as page:
-        return page.read().decode()
-
-
-@pytest.mark.parametrize("line", of_kind("browse"))
-def test_a_line_shows_pages(line, place):
-    """Contract: the address printed answers with the event of the store; at any free port, the usual may be taken."""
-    with begun(line if "--port" in line else f"{line} --port 0", place) as address:
-        assert "grace-c-2020-03-01" in answer(address)
-
-
-@pytest.mark.parametrize("line", of_kind("serve"))
-def test_a_line_serves(line, place, tmp_path_factory, monkeypatch):
-    """Contract: a server of its own on loopback that knows the deployments, and ends when told to."""
-    home = tmp_path_factory.getbasetemp() / "prefect"
-    home.mkdir(exist_ok=True)
-    folder = str(simulated(place, "com_offset"))
-    with begun(line, place, PREFECT_HOME=str(home), GRAVCAL_DATA=folder) as address:
-        assert re.match(r"http://127\.0\.0\.1:\d+$", address)
-        monkeypatch.setenv(server.AUTH, (home / "auth").read_text())
-        found = server.ask(f"{address}/api", "/deployments/name/reprocess-all/com_offset")
-        assert found["name"] == "com_offset"
 
 
 def test_the_words_of_the_other_lines_are_those_of_the_command():
