@@ -78,32 +78,33 @@ law("accelerometer.temperature", "linear_b", _WARMING, "reading against sunlight
 _MODE = (
     Parameter("frequency", "Hz", "own frequency", 0.01, neutral=0.5, lower=0.0),
     Parameter("damping", "1", "damping ratio", 0.01, neutral=0.02, lower=0.0),
-    *axes("", "m s-2 A-1 m-2", "ringing per dipole of", 1e-11),
+    *pairs("m", "reading of {0[0]} per angular acceleration about {0[7]} that lasts", 1e-4),
 )
 
 
-@law("accelerometer.flexible_mode", "linear_b", _MODE, "appendage driven by the torque steps", linear=False)
+@law("accelerometer.flexible_mode", "linear_b", _MODE, "elastic mounting", linear=False)
 def _flexible(context: Context, values):
-    """Ringing of an appendage driven by the torquers: x'' + 2 z w x' + w^2 x = w^2 u, reading c (x - u), u = |m|."""
+    """Deflection under angular acceleration a: x'' + 2 z w x' + w^2 x = w^2 a, reading c x."""
     frequency, damping, *size = values
-    return ringing(context.time, context.dipole_b.sum(axis=1), frequency, damping)[:, None] * np.array(size)
+    return deflection(context.time, context.angular_b, frequency, damping) @ np.array(size).reshape(3, 3).T
 
 
 @njit(cache=True)
-def ringing(time, drive, frequency, damping):
-    """Oscillator less its drive, (n,) any unit; the drive is held from epoch to epoch, at rest at first.
+def deflection(time, drive, frequency, damping):
+    """Oscillators (n, k) that follow their drives (n, k) of any unit, held from epoch to epoch; at rest at first.
 
     Frequency in Hz, damping less than critical.
     """
-    out = np.zeros(time.size)
+    out = np.zeros(drive.shape)
     own = 2 * np.pi * max(frequency, 1e-9)
     decay, swing = damping * own, own * np.sqrt(1 - damping**2)
-    x, v = 0.0, 0.0
-    for k in range(1, time.size):
-        step, target = time[k] - time[k - 1], drive[k - 1]
-        c, s, fade = np.cos(swing * step), np.sin(swing * step), np.exp(-decay * step)
-        away = x - target
-        x = target + fade * (away * c + (v + decay * away) / swing * s)
-        v = fade * (v * c - (decay * v + own**2 * away) / swing * s)
-        out[k] = x - drive[k]
+    for i in range(drive.shape[1]):
+        x, v = 0.0, 0.0
+        for k in range(1, time.size):
+            step, target = time[k] - time[k - 1], drive[k - 1, i]
+            c, s, fade = np.cos(swing * step), np.sin(swing * step), np.exp(-decay * step)
+            away = x - target
+            x = target + fade * (away * c + (v + decay * away) / swing * s)
+            v = fade * (v * c - (decay * v + own**2 * away) / swing * s)
+            out[k, i] = x
     return out

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numba
 import numpy as np
 
-from gravcal.effects.accelerometer import ringing
+from gravcal.effects.accelerometer import deflection
 
 
 def products(values: np.ndarray, square: str = "product {0}{0}") -> Iterator[tuple[str, np.ndarray]]:
@@ -41,7 +41,7 @@ KERNELS = {
     "{}": ((), lambda _, x: x),
     "a memory of {}": (("tau",), lambda t, x, tau: lagged(t, x, tau)),
     "a delay of {}": (("delay",), lambda t, x, late: np.interp(t - late, t, x)),
-    "a resonance with {}": (("frequency", "damping"), lambda t, x, f, d: x + ringing(t, x, f, d)),
+    "a resonance with {}": (("frequency", "damping"), lambda t, x, f, d: deflection(t, x[:, None], f, d)[:, 0]),
 }
 GATES = {
     "{}": lambda _, x: x,

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from scipy import signal
 
 from gravcal import catalog
 from gravcal.effects import CHANNELS, Context, accelerometer, catalogue, effect, sensors, torque
@@ -275,3 +276,15 @@ def test_the_electrodes_give_the_printed_nominal_factors_and_combinations():
     assert_allclose(found[[2, 0, 0]], ratio * found[3:], rtol=1e-12)  # k_z by beta_x, k_x by beta_y and beta_z
     both = [4.42e-3 * electrodes.linear_over_angular(0.072, INERTIA, [arm, 1, 1])[0] for arm in (10.45e-3, 8.00e-3)]
     assert_allclose(both, [1.14e-4, 1.49e-4], atol=0.5e-6)  # last printed digit
+
+
+def test_what_is_mounted_elastically_follows_as_its_equation_says():
+    """Independent evaluation: exact exponential of a held drive by scipy; one that lasts is read whole."""
+    time, (frequency, damping) = np.arange(0.0, 60.0, 0.5), (0.31, 0.02)
+    drive, own = np.sign(np.sin(time[:, None] * [0.5, 0.31])), 2 * np.pi * frequency
+    system = signal.cont2discrete(([own**2], [1, 2 * damping * own, own**2]), 0.5)[:2]
+    expected = signal.lfilter(np.squeeze(system[0]), system[1], drive, axis=0)
+    assert_allclose(accelerometer.deflection(time, drive, frequency, damping), expected, atol=1e-10)
+    assert_allclose(
+        accelerometer.deflection(np.arange(0.0, 3e3), np.ones((3000, 1)), frequency, damping)[-1], 1.0, rtol=1e-9
+    )

@@ -16,7 +16,7 @@ from gravcal.calibrations.causes import listed, on_axes, unknown
 from gravcal.calibrations.com_offset import lag
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, at_accelerometer, attitude_at, field_at, of_torque
 from gravcal.effects import Context, catalogue, effect
-from gravcal.effects.accelerometer import ringing
+from gravcal.effects.accelerometer import deflection
 from gravcal.effects.base import Effect
 from gravcal.effects.drivers import CONSTANTS, MEMORY, WAVES, Law, laws, play, products
 from gravcal.effects.sensors import OF_WARMTH
@@ -107,7 +107,7 @@ def _forms(entry: Effect) -> list[Form]:
         return [Form(listed(entry, [], f"tau {t:g} s"), per_second(t), tau=t) for t in lag.TRIED_S]
     if entry.slug == "accelerometer.flexible_mode":
         axes = slice(2, None)
-        return [Form(listed(entry, [], f"{f:.2f} Hz", axes), _ringing(f, DAMPING), frequency=f) for f in MODES_HZ]
+        return [Form(listed(entry, [], f"{f:.2f} Hz", axes), _deflected(f, DAMPING), frequency=f) for f in MODES_HZ]
     if entry.slug == "torque.saturation":
         return [Form(listed(entry, []), lambda one: of_torque(one, _clipped))]
     if entry.channel in ("dipole_b", "torque_b"):
@@ -182,12 +182,11 @@ def _earlier(one, there, word):
     return (before - after) / (2 * STEP_S)
 
 
-def _ringing(frequency, damping):
-    """Linear reading per ringing dipole on each axis."""
+def _deflected(frequency, damping):
+    """Linear reading per angular acceleration about each axis, on each axis."""
 
     def signal(one):
-        c = one.wide
-        return {"linear": ringing(c.time, c.dipole_b.sum(axis=1), frequency, damping)[:, None, None] * np.eye(3)}
+        return {"linear": on_axes(deflection(one.wide.time, one.wide.angular_b, frequency, damping))}
 
     return signal
 
@@ -197,7 +196,7 @@ def _mode_shape(views, frequency):
     near = frequency + np.linspace(-MODE_STEP_HZ, MODE_STEP_HZ, 7)
     tried = np.array([(f, d) for f in near for d in (DAMPING / 4, DAMPING, 4 * DAMPING)])
     lower, upper = (np.array([frequency + s * 2 * MODE_STEP_HZ, d]) for s, d in ((-1, 1e-3), (1, 0.5)))
-    columns = lambda value: [*(one.whitened(_ringing(*value)(one)) for one in views), None]  # noqa: E731
+    columns = lambda value: [*(one.whitened(_deflected(*value)(one)) for one in views), None]  # noqa: E731
     return Shape(("frequency", "damping"), ("Hz", "1"), np.array([frequency, DAMPING]), columns, tried, lower, upper)
 
 
