@@ -125,8 +125,11 @@ def test_bias_and_leak_of_a_magnetometer_are_named(rng):
     assert abs(leak["value"] - 2e-8) < 5 * leak["sigma"]
 
 
-def rows(rng, leak):
-    """A table of one offset whose a_y follows the current of the y rod, errors of 0.3 to 3 um."""
+def table_findings(rng, leak):
+    """Findings in a table of one offset whose a_y follows the current of the y rod, errors of 0.3 to 3 um.
+
+    Moments of inertia are 5 % off.
+    """
     about = (tuple(np.diag(INERTIA)), 27.5, 14)
     offset, found = np.array([107e-6, 4e-6, 12e-6]), []
     kinds = [("pitch", "low"), ("pitch", "high"), ("pitch", "high"), ("roll", "high"), ("roll", "high")]
@@ -140,12 +143,7 @@ def rows(rng, leak):
             value[{"pitch": 1, "roll": 0}[key[0]]] = np.nan
         words = {"order": order, "kind": key[0], "latitude_class": key[1]}
         found.append(words | {"value": value, "sigma": np.where(np.isfinite(value), sigma, np.nan)})
-    return found
-
-
-def table_findings(rng, leak):
-    """Findings in an invented table, with moments of inertia that are 5 % off."""
-    return findings(table.Table(rows(rng, leak), ((110.49, 580.67, 649.69), 27.5, 14)))
+    return findings(table.Table(found, ((110.49, 580.67, 649.69), 27.5, 14)))
 
 
 def test_a_leak_into_one_channel_explains_a_table_that_one_offset_does_not(rng):

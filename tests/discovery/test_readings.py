@@ -4,7 +4,6 @@ from dataclasses import replace
 
 import commands
 import numpy as np
-import pytest
 from numpy.testing import assert_allclose
 
 from flows import com_offset, discover
@@ -90,22 +89,13 @@ def shown(found, channel):
     return values
 
 
-@pytest.fixture(scope="module")
-def leaking(tmp_path_factory):
-    """Products of the baseline of a day with a leak, the product of its discovery, and its observations."""
-    patch = pytest.MonkeyPatch()
-    folder = tmp_path_factory.mktemp("leaking")
-    patch.setenv("GRAVCAL_PRODUCTS", str(folder / "products"))
-    yield discovered(folder, {"accelerometer.current_leak": {"y_from_x": 6e-12}})
-    patch.undo()
-
-
-def test_a_leak_is_seen_in_the_linear_reading_and_attitude_and_field_give_theirs(leaking):
+def test_a_leak_is_seen_in_the_linear_reading_and_attitude_and_field_give_theirs(tmp_path):
     """Recovery: the low-passed reading itself; differences whitened are the residuals; the extension is nearer in y.
 
     The field as measured; the rotation by the torquers as fitted, and what the fit left.
     """
-    made, found, views = leaking[0], leaking[1], leaking[2].views
+    made, found, observed = discovered(tmp_path, {"accelerometer.current_leak": {"y_from_x": 6e-12}})
+    views = observed.views
     measured, baseline, extended = shown(found, "linear")
     (k,) = [k for k, v in enumerate(views) if np.array_equal(v.operator.time, found["linear_time"].values)]
     direct = views[k].operator(np.nan_to_num(made["align"]["linear_b"].values[views[k].rows]))
@@ -120,13 +110,12 @@ def test_a_leak_is_seen_in_the_linear_reading_and_attitude_and_field_give_theirs
         assert_allclose(white, left[:, known:], atol=1e-6)  # of a sigma
     rms = [np.sqrt(np.nanmean((measured - simulated)[:, 1] ** 2)) for simulated in (baseline, extended)]
     assert rms[1] < 0.9 * rms[0]
-    made, _, found = leaking
-    view, observed = found.views[1], found.blocks[1].observed[:, None]
-    time, model, (rest,) = found.reading("magnetometer", 1, observed)
+    view, record = views[1], observed.blocks[1].observed[:, None]
+    time, model, (rest,) = observed.reading("magnetometer", 1, record)
     good = np.isfinite(rest).all(axis=1)
     rows = np.searchsorted(made["field"]["time_mag"].values, time[good])
     assert_allclose((model + rest)[good], made["field"]["measured_b"].values[rows], atol=1e-9)  # T, of 3e-5
-    time, model, (rest,) = found.reading("attitude", 1, observed)
+    time, model, (rest,) = observed.reading("attitude", 1, record)
     good, index = view.window.good, view.index
     left = made["attitude"]["sca_residual_b"].values[made["attitude"]["sca_manoeuvre"].values == index]
     scale = np.nan_to_num(made["attitude"]["torque_scale"].values[index], nan=1.0)

