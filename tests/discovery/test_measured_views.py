@@ -111,15 +111,12 @@ def field(rng, bias=0.0, leak=0.0, count=60):
     return build(schemas.of("magnetometer.toml")["align"], values)
 
 
-def magnetometer_findings(record):
-    """Findings in minutes of a magnetometer."""
-    return findings(magnetometer.observe({"align": record}, **catalog.parameters("magnetometer").for_stage("observe")))
-
-
 def test_bias_and_leak_of_a_magnetometer_are_named(rng):
     """Recovery: bias of 300 nT and a leak of 20 nT per A m2: both, nothing else, within 5 sigma; of noise nothing."""
-    assert magnetometer_findings(field(rng)) == {}
-    found = magnetometer_findings(field(rng, bias=3e-7, leak=2e-8))
+    settings = catalog.parameters("magnetometer").for_stage("observe")
+    records = field(rng), field(rng, bias=3e-7, leak=2e-8)
+    clean, found = (findings(magnetometer.observe({"align": one}, **settings)) for one in records)
+    assert clean == {}
     assert set(found) == {"magnetometer.bias", "magnetometer.current_leak"}
     leak = found["magnetometer.current_leak"]["parameters"]["x_from_y"]
     assert abs(leak["value"] - 2e-8) < 5 * leak["sigma"]

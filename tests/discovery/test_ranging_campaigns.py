@@ -12,7 +12,7 @@ from gravcal.simulation import kbr_phase_centre as simulation
 RNG_LEVEL = ALARM + 2 * MISSED  # of all its draws, see seeds.py
 
 SHORT = {"phase_step_s": 1.0, "noise": "benign"}
-CURVED = "ranging.phase_centre_curvature"
+CALIBRATION, CURVED = "kbr_phase_centre", "ranging.phase_centre_curvature"
 #: At a signal-to-noise ratio of about 30, three times that of the study.
 LISTED = {
     "ranging.multipath": {"yaw_b": 3e-7, "cosine_yaw_b": 4e-7, "period": 0.014},
@@ -24,12 +24,7 @@ LISTED = {
 
 def written(folder, seed, effects, settings=SHORT):
     """Folder and truth of a simulated campaign, {slug: {parameter: value}} hidden."""
-    return folder / "level1", commands.simulated("kbr_phase_centre", folder / "level1", seed, effects, **settings)
-
-
-def called(command, folder, *options):
-    """Exit code and document of a command on the files of a campaign."""
-    return commands.document(command, "kbr_phase_centre", folder, *options)
+    return folder / "level1", commands.simulated(CALIBRATION, folder / "level1", seed, effects, **settings)
 
 
 def true_mm(truth):
@@ -42,7 +37,7 @@ def test_nothing_is_named_on_a_clean_campaign(rng, tmp_path):
     documents = []
 
     def draw(seed, place):
-        code, document = called("discover", written(place, seed, {})[0])
+        code, document = commands.document("discover", CALIBRATION, written(place, seed, {})[0])
         documents.append(document)
         return f"seed {seed}: {causes(document)}" if causes(document) or code else None
 
@@ -60,7 +55,7 @@ def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng,
     def draw(seed, place):
         slug = list(LISTED)[rng.integers(len(LISTED))]
         folder, truth = written(place, seed, {slug: LISTED[slug]})
-        code, document = called("discover", folder)
+        code, document = commands.document("discover", CALIBRATION, folder)
         if all(slug != one["cause"] for one in document["tried"]):  # an orbit without shadow has no such effect
             return draw(seed + 1, place / "again")
         found = document["findings"]
@@ -76,11 +71,13 @@ def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng,
             good = better and found[0]["tied_with"] and max(far) < 5
             return None if good else f"{slug}, seed {seed}: {far}"
         model = next((place / "products").rglob("model.toml"))
-        _, extended = called("run", folder, "--model", model)
+        _, extended = commands.document("run", CALIBRATION, folder, "--model", model)
         letters = extended["adopted"]["satellites"]
         value, sigma = (np.concatenate([letters[x][n] for x in "CD"]) for n in ("phase_centre_mm", "sigma_mm"))
         far += [*(np.abs(value - true_mm(truth)) / sigma)]
-        code, again = called("discover", folder, "--model", model, "--set", "discovery_level=0.0001")
+        code, again = commands.document(
+            "discover", CALIBRATION, folder, "--model", model, "--set", "discovery_level=0.0001"
+        )
         rest = causes(again)  # the search begins with the model
         return None if better and max(far) < 5 and not rest else f"{slug}, seed {seed}: {far}, {rest}"
 
@@ -90,7 +87,7 @@ def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng,
 def test_a_curvature_alike_in_both_planes_is_told_from_x_by_where_the_antenna_is(rng, tmp_path):
     """Recovery: 1 m rad-2 moves x by 2 m, which no antenna does; named with both parts, x within 5 (wider) sigma."""
     folder, truth = written(tmp_path, int(rng.integers(1_000_000)), {CURVED: {"pitch_a": 1.0, "yaw_a": 1.0}})
-    _, document = called("discover", folder)
+    _, document = commands.document("discover", CALIBRATION, folder)
     assert CURVED in {name for one in document["findings"] for name in (one["cause"], *one["tied_with"])}
     change = document["calibration_change"]
     before, after, sigma = (np.array(change[name]) for name in ("before", "after", "sigma_after"))
@@ -109,7 +106,7 @@ def test_an_effect_in_no_list_follows_its_driver(rng, tmp_path):
     def draw(seed, place):
         with mock.patch.object(simulation, "added", _cube):
             folder, _ = written(place, seed, {})
-        code, document = called("discover", folder)
+        code, document = commands.document("discover", CALIBRATION, folder)
         found = document["findings"]
         good = code == 0 and found and found[0]["cause"] == "unknown:pointing"
         good = good and any(w in found[0]["form"] for w in ("pitch_b", "all angles"))
