@@ -39,12 +39,8 @@ def _variables(product):
 
 def header(product, satellite, count, first, last):
     """Text of the YAML header, end mark included."""
-    fixed = {
-        "institution": "NASA/JPL",
-        "platform": f"GRACE {'C+D' if satellite == 'Y' else satellite}",
-        "product_version": "04",
-        "title": f"GRACE-FO {product}",
-    }
+    platform = f"GRACE {'C+D' if satellite == 'Y' else satellite}"
+    fixed = {"platform": platform, "product_version": "04", "title": f"GRACE-FO {product}"}
     lines = ["header:", "  dimensions:", f"    num_records: {count}", "  global_attributes:"]
     lines += [f"    {key}: {text}" for key, text in fixed.items()]
     lines += ["  non-standard_attributes:", "    epoch_time: 2000-01-01T12:00:00.00"]
