@@ -121,8 +121,9 @@ def draw(root: Path, folder: Path) -> None:
     for letter, color in (("A", "#1f77b4"), ("B", "#d55e00")):
         source = load("thrusters").source(data=root / "grace-2014-01-15", satellite=letter)
         products = {name: stage.read(ref) for name, ref in thrusters.DISCOVERY.baseline(source, chosen).items()}
-        records, settings = model.records(products["align"]), thrusters.settings(source, chosen)
-        rows = estimate.rows_of(records.camera, model.noise_of(products["noise"]), **settings)
+        records, inertia = model.records(products["align"]), catalog.satellite(letter).settings()["inertia"]
+        known = records.camera, model.noise_of(products["noise"]), inertia
+        rows = estimate.rows_of(*known, block_s=chosen.block_s, knot_s=chosen.knot_s)
         firings = records.firings
         gains = [fitted(rows, [row.segment.gains(firings.late_by(-s)) for row in rows])[2] for s in SHIFTS_S]
         left.plot(SHIFTS_S, gains, color=color, marker=".", lw=1, label=f"GRACE-{letter}")

@@ -129,7 +129,7 @@ def opened(user, browser, folder, page) -> float:
         try:
             address = server.stdout.readline().split()[-1]
             browser.get(address)  # the first answer comes when the server is up
-            browser.get(address.rstrip("/") + page)
+            browser.get(address.partition("/?")[0] + page)
             return float(user.wait(browser, lambda one: one.execute_script(DRAWN))) / 1e3
         finally:
             server.terminate()
