@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from commands import gravcal
 
-from flows import command, engine
+from flows import command
 from gravcal import catalog
 from gravcal.errors import CatalogError
 from gravcal.store import configurations, history, housekeeping, location, store
@@ -267,19 +267,6 @@ def test_a_campaign_of_an_experiment_leaves_the_delivery(run, fakecal, pipeline,
     assert links() == before
     assert links("gain-3.0")
     assert configurations.names("fakecal") == ["gain-3.0"]
-
-
-def test_tasks_of_prefect_point_the_links_of_their_configuration(fakecal, monkeypatch, prefect_home):
-    """Contract: the engine that submits stages to threads of Prefect."""
-    monkeypatch.setenv("PREFECT_HOME", str(prefect_home))
-    chosen = configurations.record(command.chosen("fakecal", ["gain=3"]))
-    source = command.source("fakecal", None, fakecal, None, None)
-    used = []
-    monkeypatch.setattr(engine, "warn", used.append)
-    engine.run(command.record("fakecal").flow, source, chosen)
-    assert used == []
-    assert links() == {}
-    assert set(links("gain-3.0")) == {"start", "scale.one"}
 
 
 def test_settings_say_what_they_are_and_what_was_tried(run, capsys):
