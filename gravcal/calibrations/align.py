@@ -2,10 +2,9 @@
 
 import numpy as np
 import xarray as xr
-from scipy.interpolate import CubicSpline
 
 from gravcal.estimation import timing
-from gravcal.physics import earth, frames, magnetic, orbit_environment
+from gravcal.physics import earth, frames
 
 #: Bits of a reader's flag that make a sample unusable; order and repetition are settled here.
 UNUSABLE = 1 | 2 | 16 | 32 | 64 | 128
@@ -108,22 +107,6 @@ def orbit_states(time: np.ndarray, values: np.ndarray, product: str) -> dict[str
         return {"position_i": position, "velocity_i": velocity, "position_e": fixed[0]}
     inertial = earth.state_to_inertial(time, position, velocity)
     return {"position_i": inertial[0], "velocity_i": inertial[1], "position_e": position}
-
-
-def body_field(orbit_time, position_e, sca_time, quaternion, generation: int):
-    """Function (n,) s -> geomagnetic field (n, 3) T and direction of the main dipole (n, 3) in the body.
-
-    Earth-fixed positions (k, 3) m of an orbit (k,) s, attitudes (m, 4) of continuous sign at times (m,) s.
-    """
-    to_inertial = np.swapaxes(earth.R_ei(orbit_time), 1, 2)
-    field_i = CubicSpline(orbit_time, np.matvec(to_inertial, magnetic.field_e(orbit_time, position_e, generation)))
-    axis_i = CubicSpline(orbit_time, orbit_environment.dipole_axis_i(orbit_time))
-
-    def at(time):
-        R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))
-        return np.matvec(R_bi, field_i(time)), np.matvec(R_bi, axis_i(time))
-
-    return at
 
 
 def late_of_pair(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:

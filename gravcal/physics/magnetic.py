@@ -9,8 +9,9 @@ from functools import lru_cache
 from pathlib import Path
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
-from gravcal.physics import check_shape, refuse
+from gravcal.physics import check_shape, earth, frames, orbit_environment, refuse
 from gravcal.physics.constants import IGRF_RADIUS
 from gravcal.physics.gravity import derivative, kernel_tables, sum_series
 
@@ -104,3 +105,19 @@ def _series(generation, interval):
     K = (g - 1j * h) / np.sqrt(2 * np.arange(DEGREE + 1) + 1)[:, None]
     change = (K[interval + 1] - K[interval]) / (epochs[interval + 1] - epochs[interval])
     return kernel_tables([derivative(part, axis) for part in (K[interval], change) for axis in "xyz"])
+
+
+def body_field(orbit_time, position_e, sca_time, quaternion, generation: int):
+    """Function (n,) s -> geomagnetic field (n, 3) T and direction of the main dipole (n, 3) in the body.
+
+    Earth-fixed positions (k, 3) m of an orbit (k,) s, attitudes (m, 4) of continuous sign at times (m,) s.
+    """
+    to_inertial = np.swapaxes(earth.R_ei(orbit_time), 1, 2)
+    field_i = CubicSpline(orbit_time, np.matvec(to_inertial, field_e(orbit_time, position_e, generation)))
+    axis_i = CubicSpline(orbit_time, orbit_environment.dipole_axis_i(orbit_time))
+
+    def at(time):
+        R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))
+        return np.matvec(R_bi, field_i(time)), np.matvec(R_bi, axis_i(time))
+
+    return at

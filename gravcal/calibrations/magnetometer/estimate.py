@@ -5,7 +5,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations import checks, named_parameters
-from gravcal.calibrations.align import QUATERNION, STATE, between, body_field, usable
+from gravcal.calibrations.align import QUATERNION, STATE, between, usable
 from gravcal.calibrations.checks import at_most
 from gravcal.calibrations.magnetometer import model
 from gravcal.calibrations.magnetometer.model import SCHEMAS
@@ -13,7 +13,7 @@ from gravcal.calibrations.schemas import build
 from gravcal.effects import effect
 from gravcal.errors import refuse
 from gravcal.estimation import least_squares
-from gravcal.physics import earth, frames
+from gravcal.physics import earth, frames, magnetic
 
 #: Groups of parameters: first part of their names and the effect; axes out of square are no effect of the catalogue
 #: and as plausible as a wrong mounting.
@@ -163,7 +163,7 @@ def compare(
     quaternion = frames.continuous(quaternion)
     R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))
     theirs_b = np.matvec(R_bi, np.matvec(np.swapaxes(R_ei, 1, 2), field_e))
-    reference = body_field(orbit_time, state[:, :3], sca_time, quaternion, settings.pop("igrf_generation"))
+    reference = magnetic.body_field(orbit_time, state[:, :3], sca_time, quaternion, settings.pop("igrf_generation"))
     rest = theirs_b - reference(time)[0]
     rest = np.stack([np.interp(field.time, time, one) for one in rest.T], axis=1)[matched]
     known = dict(zip(found["parameter"].values.tolist(), np.nan_to_num(found["value"].values), strict=True))

@@ -7,14 +7,14 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import checks, schemas
-from gravcal.calibrations.align import QUATERNION, STATE, body_field, off_orbit, usable
+from gravcal.calibrations.align import QUATERNION, STATE, off_orbit, usable
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
 from gravcal.effects.sensors import OF_MAGNETOMETER, OF_WARMTH
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
-from gravcal.physics import earth, frames, orbit_environment
+from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 SCHEMAS = schemas.of("magnetometer.toml")
 
@@ -63,7 +63,7 @@ def align(
         refuse(file, found, f"at least {LEAST}", remedy, EstimationError, records=count)
     time, values = time[inside], values[inside]
     quaternion = frames.continuous(quaternion)
-    field_at = body_field(orbit_time, state[:, :3], sca_time, quaternion, igrf_generation)
+    field_at = magnetic.body_field(orbit_time, state[:, :3], sca_time, quaternion, igrf_generation)
     model, axis = field_at(time)
     before, after = np.maximum(time - 0.5, sca_time[0]), np.minimum(time + 0.5, sca_time[-1])
     slope = (field_at(after)[0] - field_at(before)[0]) / (after - before)[:, None]

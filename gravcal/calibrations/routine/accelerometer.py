@@ -8,7 +8,7 @@ from scipy.interpolate import BSpline
 from scipy.ndimage import binary_dilation
 
 from gravcal.calibrations import checks, named_parameters, schemas
-from gravcal.calibrations.align import QUATERNION, STATE, body_field, gps_tags, sorted_samples, usable
+from gravcal.calibrations.align import QUATERNION, STATE, gps_tags, sorted_samples, usable
 from gravcal.calibrations.causes import listed
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
@@ -16,7 +16,7 @@ from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import chi2_tail, least_squares, timing
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
 from gravcal.estimation.records import Candidate
-from gravcal.physics import frames
+from gravcal.physics import frames, magnetic
 
 SCHEMAS = schemas.of("routine.toml")
 
@@ -83,7 +83,7 @@ def align(
     found = {"time": middle, "linear_b": mean[:, :3], "angular_b": mean[:, 3:], "step": step_s}
     found |= {"begin": ends[0], "end": ends[1]}
     found |= _torquers(given.get("MAG1B"), ends, np.asarray(dipole_per_current))
-    field_at = body_field(orbit_time, state[:, :3], sca_time, frames.continuous(quaternion), igrf_generation)
+    field_at = magnetic.body_field(orbit_time, state[:, :3], sca_time, frames.continuous(quaternion), igrf_generation)
     field_b, _ = field_at(np.clip(middle, sca_time[0], sca_time[-1]))
     torque = np.cross(found["dipole_b"], field_b)
     found |= {"magnetic_b": np.linalg.solve(inertia, torque.T).T}
