@@ -376,7 +376,8 @@ def kinds(level_one):
         links = sorted((location.folder() / "latest").glob("*/*.*"))
     found = {}
     for link in links:
-        kind = link.name if link.name.startswith("ingest") else ".".join(link.name.split(".")[:2])
+        kind = ".".join(link.name.split(".")[:2])
+        kind = kind.partition("_")[0] if kind.startswith("ingest") else kind  # of any satellite
         found.setdefault(kind, link / "product.nc")
     return found
 
