@@ -92,10 +92,13 @@ def test_the_scatter_between_wiggles_and_printed_tables_stand_beside_the_errors(
     assert "1457.1 ± 3.2" in page
 
 
-def test_a_day_without_wiggles_says_so(tmp_path):
+def test_two_hours_of_ranging_without_wiggles_say_so(tmp_path):
     """Contract: status no_manoeuvre, no vectors; the page says what routine pointing can tell."""
     settings = QUICK | {"manoeuvres": ","}
     kbr_phase_centre.CALIBRATION.simulate(tmp_path, seed=2, truth=None, effects={}, settings=settings)
+    (ranging,) = tmp_path.glob("KBR1B*")
+    header, mark, body = ranging.read_text().partition("# End of YAML header\n")
+    ranging.write_text(header + mark + "".join(body.splitlines(keepends=True)[:1440]))
     document, ref = run(tmp_path)
     assert document["status"] == "no_manoeuvre"
     assert not list(ref.folder.glob("VKB1B*"))

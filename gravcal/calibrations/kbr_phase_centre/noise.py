@@ -40,7 +40,7 @@ def noise(equations: xr.Dataset, *, noise_degree: int, quiet_length_s: float, qu
     time = equations["time_kbr"].values
     step = float(np.median(np.diff(time))) if time.size > 1 else 5.0
     quiet, source = equations["arc"].values == -1, "quiet"
-    if quiet.sum() * step < quiet_minimum_s:
+    if quiet.sum() * step < quiet_minimum_s and not quiet.all():
         quiet, source = equations["arc"].values >= 0, "manoeuvres"
     index = np.flatnonzero(quiet)  # of every stretch without a gap or phase break
     steps, breaks = np.diff(time[index]), np.diff(equations["segment"].values[index])
