@@ -255,23 +255,19 @@ def test_of_many_events_several_are_one_task(monkeypatch):
 
     states = {}
 
-    class Task:
-        def __init__(self, body, name, **_):
-            self.body, self.name = body, name
+    def task(body, name, **_):
+        def submit():
+            states[name] = body()
+            return SimpleNamespace(wait=lambda: None)
 
-        def submit(self):
-            states[self.name] = self.body()
-            return self
-
-        def wait(self):
-            return None
+        return SimpleNamespace(submit=submit)
 
     def row_of(number):
         if number == 4:
             return {"event": "4", "status": "failed", "error": "lost"}
         return {"event": str(number), "status": "delivered", "made": 2, "reused": 1, "seconds": 0.5}
 
-    monkeypatch.setattr(prefect, "task", Task)
+    monkeypatch.setattr(prefect, "task", task)
     monkeypatch.setattr(campaigns, "TASKS", 3)
     waiting = {number: SimpleNamespace(event=str(number)) for number in range(7)}
     campaigns.as_tasks(waiting, row_of)
