@@ -15,8 +15,7 @@ import seeds
 from commands import gravcal, run
 from independent import damage, make_event
 
-from flows import com_offset, engine, gradient_torque, inertial_sensor, kbr_phase_centre
-from gravcal import catalog
+from flows import gradient_torque, inertial_sensor, kbr_phase_centre
 from gravcal.store import store
 from tasks.stage import read
 
@@ -66,9 +65,7 @@ def files(copied, clean):
 
 def result(folder):
     """Document of a folder, and the counts of records that the alignment marked, repeated, sorted."""
-    flow = com_offset.CALIBRATION
-    ref = engine.run(flow.flow, flow.source(data=folder), catalog.parameters("com_offset"), engine="inline")
-    document = flow.document(ref)
+    document, _ = run("com_offset", folder)
     return document, read(store.find(document["provenance"]["products"]["com_offset.align"])).attrs
 
 

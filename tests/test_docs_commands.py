@@ -1,4 +1,4 @@
-"""Every command line of the README and of the pages of docs is typed, on simulated days or on measured ones.
+"""Every command line of the README and of the pages of docs is typed, on simulated days.
 
 Placeholders are filled in (DIR, FOLDER, EVENT, FILE), runs go without Prefect. Some pages are typed as a whole, in an
 empty folder. The lines for a Prefect server of one's own are typed by tests/flows/test_serve.py.
@@ -21,7 +21,6 @@ from benchmarks import __main__ as benchmarks
 from flows import cli
 
 ROOT = Path(__file__).parent.parent
-MEASURED = ROOT.parent / "shared" / "data"
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 TYPED_AS_A_PAGE = ("first_steps", "adding_a_satellite", "adding_an_event", "adding_an_effect", "adding_a_calibration")
 SHORT = {  # days that take less time than those that the pages speak of
@@ -39,7 +38,6 @@ DAYS = {  # what is simulated for --data DIR by calibration, for the event that 
     "day": ("com_offset", "--effect", "torque.dipole_gain.rod_y=0.03"),
 }
 EVENT = "grace-c-2020-02-01"
-FOLDERS = {"2003-09-14": "grace-2003-09-14/binary"}
 #: Lines whose words are read and no more, and the tests that do what they say.
 READ = {
     "python -m benchmarks": "tests/test_published_methods.py",
@@ -48,7 +46,8 @@ READ = {
     "gravcal fetch": "tests/io/test_fetch.py",
     "--limits": "tests/flows/test_cli.py, with magnetometer",
     "discover com_offset EVENT --model": "tests/calibrations/com_offset/test_model_error.py",
-    "discover thrusters": "tests/discovery/test_measured_records.py, of the other satellite on that day",
+    "discover thrusters": "tests/calibrations/test_thrusters.py, of the other satellite on that day",
+    "discover magnetometer": "tests/calibrations/test_magnetometer.py, on that day",
     "discover ranging": "tests/calibrations/test_ranging_days.py, on that day",
 }
 
@@ -69,14 +68,7 @@ def kind(line):
     """How a line is typed."""
     if any(mark in line for mark in READ):
         return "read"
-    if "prefect" in line:
-        return "prefect"
-    return "measured" if re.search(r"discover (attitude|thrusters|ranging|magnetometer)", line) else "plain"
-
-
-def of_kind(*kinds):
-    """Lines of some kinds as parameters."""
-    return [pytest.param(line, id=f"{page}: {line}") for line, page in lines().items() if kind(line) in kinds]
+    return "prefect" if "prefect" in line else "plain"
 
 
 @pytest.fixture(scope="module")
@@ -152,18 +144,13 @@ def filled(words, place):
     return made
 
 
-@pytest.mark.parametrize("line", of_kind("plain"))
+@pytest.mark.parametrize(
+    "line",
+    [pytest.param(line, id=f"{page}: {line}") for line, page in lines().items() if kind(line) == "plain"],
+)
 def test_a_line_delivers(line, typing):
     """Contract: exit code 0, and something said."""
     assert typing(line)
-
-
-@pytest.mark.measured
-@pytest.mark.parametrize("line", of_kind("measured"))
-def test_a_line_for_measured_data_delivers(line, typing):
-    """Contract: exit code 0 on the measured records, where they are."""
-    folder = MEASURED / FOLDERS[line.split("--date ")[1][:10]]
-    assert typing(re.sub(r"--data \S+", f"--data {folder}", line))
 
 
 def test_the_lines_of_fetch_name_archives_that_are_known():

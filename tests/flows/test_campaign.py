@@ -65,22 +65,6 @@ def products():
     }
 
 
-def test_a_campaign_says_and_makes_again_what_other_versions_made(environment, events, monkeypatch):
-    """Contract: rows name them; with the setting worker processes make them again; then there is nothing to say."""
-    versions = keys.versions()
-    with monkeypatch.context() as patched:
-        patched.setattr(keys, "versions", lambda: versions | {"scipy": "0.1"})
-        chosen = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline", None, 0)
-        campaigns.run(chosen, command.many_sources("fakecal", None, events))
-    said = [f"made by scipy 0.1, here {versions['scipy']}"] * 2
-    _, summary = here(events)
-    assert [(row["made"], row["other_versions"]) for row in summary["events"]] == 4 * [(0, said)]
-    _, summary = campaign(environment | {"GRAVCAL_REMAKE_VERSIONS": "1"}, events, "--engine", "inline")
-    assert [(row["made"], row.get("other_versions")) for row in summary["events"]] == 4 * [(2, None)]
-    _, summary = here(events)
-    assert [(row["made"], row.get("other_versions")) for row in summary["events"]] == 4 * [(0, None)]
-
-
 def test_a_killed_worker_is_replaced_and_nothing_is_left_to_do(environment, events, pipeline, tmp_path):
     """Contract: worker processes make the products, after kill -9 of one, too; a second campaign starts no cluster."""
     mark = tmp_path / "killed"
@@ -227,7 +211,7 @@ def test_the_exit_code_of_a_campaign(fakecal, monkeypatch, given, status, code):
     assert (summary["status"], campaigns.exit_code(summary)) == (status, code)
 
 
-def test_events_without_files_are_no_data_and_no_failure(tmp_path, monkeypatch, capsys):
+def test_events_without_files_are_no_data_and_no_failure(tmp_path, monkeypatch):
     """Contract: events of the catalogue; also those without a date; a folder that is not there is an error."""
     monkeypatch.setenv("GRAVCAL_DATA", str(tmp_path / "data"))
     chosen = campaigns.Campaign("kbr_phase_centre", command.chosen("kbr_phase_centre", None), "inline", None, 0)
@@ -243,10 +227,6 @@ def test_events_without_files_are_no_data_and_no_failure(tmp_path, monkeypatch, 
     assert summary["counts"] == {"no_data": len(sources) - 1, "failed": 1}
     (failed,) = (row for row in summary["events"] if row["status"] == "failed")
     assert "found no KBR1B or LRI1B" in failed["error"]
-    from flows import output
-
-    output.campaign(summary, campaigns.table(summary["events"]), None)
-    assert capsys.readouterr().out.splitlines()[1].startswith(failed["event"])  # failed first
 
 
 def test_of_many_events_several_are_one_task(monkeypatch):
