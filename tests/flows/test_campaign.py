@@ -65,6 +65,19 @@ def products():
     }
 
 
+def test_a_campaign_says_and_makes_again_what_other_versions_made(events, monkeypatch):
+    """Contract: rows name them; with the setting all are made again, and there is nothing to say."""
+    versions = keys.versions()
+    with monkeypatch.context() as patched:
+        patched.setattr(keys, "versions", lambda: versions | {"scipy": "0.1"})
+        here(events)
+    said = [f"made by scipy 0.1, here {versions['scipy']}"] * 2
+    for setting, made, named in (("", 0, said), ("1", 2, None)):
+        monkeypatch.setenv("GRAVCAL_REMAKE_VERSIONS", setting)
+        _, summary = here(events)
+        assert [(row["made"], row.get("other_versions")) for row in summary["events"]] == 4 * [(made, named)]
+
+
 def test_a_killed_worker_is_replaced_and_nothing_is_left_to_do(environment, events, pipeline, tmp_path):
     """Contract: worker processes make the products, after kill -9 of one, too; a second campaign starts no cluster."""
     mark = tmp_path / "killed"
