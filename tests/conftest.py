@@ -142,6 +142,11 @@ class Pipeline:
         self.name, self.folder, self.raw = name, folder, raw
         self.chosen = {"event": "fake-1", "count": 4, "offset": 0.0, "gain_one": 1.0, "gain_other": 3.0}
 
+    def event(self, folder, number):
+        """Let the file of an event come into a folder of its number; it says which."""
+        (folder / str(number)).mkdir(parents=True)
+        (folder / str(number) / self.raw.name).write_text("a" * number)
+
     def replace(self, file, old, new):
         """Change the code, then forget what this process knew, as a new process would."""
         path = self.folder / file

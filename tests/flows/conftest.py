@@ -1,5 +1,6 @@
 """An invented calibration that the command line can run, and one Prefect home for all tests."""
 
+import os
 import sys
 import textwrap
 
@@ -95,6 +96,13 @@ def fakecal(pipeline, tmp_path, monkeypatch):
     yield tmp_path
     sys.modules.pop("fakecal", None)
     calibration.load.cache_clear()
+
+
+@pytest.fixture
+def environment(fakecal, pipeline):
+    """Return the environment in which other processes find the invented calibration."""
+    known = {"FAKE_CODE": str(pipeline.folder.parent), "FAKE_FLOWS": str(fakecal / "extra")}
+    return {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")} | known
 
 
 @pytest.fixture(scope="session")

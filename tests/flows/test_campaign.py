@@ -28,16 +28,8 @@ def events(fakecal, pipeline):
     """Return a folder with one folder of Level-1 files per event."""
     folder = fakecal / "events"
     for number in range(1, 5):
-        (folder / str(number)).mkdir(parents=True)
-        (folder / str(number) / pipeline.raw.name).write_text("a" * number)
+        pipeline.event(folder, number)
     return folder
-
-
-@pytest.fixture
-def environment(fakecal, pipeline):
-    """Return the environment in which other processes find the invented calibration."""
-    known = {"FAKE_CODE": str(pipeline.folder.parent), "FAKE_FLOWS": str(fakecal / "extra")}
-    return {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")} | known
 
 
 def campaign(environment, events, *options):

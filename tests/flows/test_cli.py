@@ -97,25 +97,14 @@ def test_a_run_without_data_says_so(tmp_path, monkeypatch, capsys):
 
 
 def test_the_store_can_be_looked_at(fakecal, pipeline, capsys):
-    """Contract: list, show, history, rebuild, verify, prune."""
+    """Contract: a product is made again equal; damage is found; what is not there is an error."""
     assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "inline") == 0
     name = f"fake-1/{pipeline.name}.scale.one"
-    capsys.readouterr()
-    assert gravcal("products", "list") == 0
-    assert name in capsys.readouterr().out
-    assert gravcal("products", "show", name) == 0
-    shown = capsys.readouterr().out
-    assert "a value" in shown
-    assert "gain" in shown
-    assert gravcal("history", name) == 0
-    assert str(pipeline.raw) in capsys.readouterr().out
     assert gravcal("rebuild", name) == 0
     assert "equal in every number" in capsys.readouterr().out
     assert gravcal("products", "verify") == 0
-    assert gravcal("products", "prune") == 0
     assert gravcal("products", "show", "nothing") == 1
-    ref = housekeeping.resolve(name).ref
-    ref.path.write_bytes(b"damaged")
+    housekeeping.resolve(name).ref.path.write_bytes(b"damaged")
     assert gravcal("products", "verify") == 1
 
 
@@ -142,10 +131,9 @@ def ranging_files(folder):
     return folder
 
 
-@pytest.mark.parametrize("word", ["run", "plan", "detect", "discover", "campaign"])
-def test_files_of_another_calibration_are_named_with_it(word, tmp_path, capsys):
+def test_files_of_another_calibration_are_named_with_it(tmp_path, capsys):
     """Contract: what was found, which calibration reads it, what was expected."""
-    assert gravcal(word, "com_offset", "--data", ranging_files(tmp_path / "level1")) == 1
+    assert gravcal("run", "com_offset", "--data", ranging_files(tmp_path / "level1")) == 1
     said = " ".join(capsys.readouterr().err.split())
     assert "(files of kbr_phase_centre, ranging and routine); expected ACC1A for com_offset" in said
     assert "found GNI1B, KBR1B, SCA1B" in said
@@ -155,12 +143,12 @@ def test_files_of_another_calibration_are_named_with_it(word, tmp_path, capsys):
 def test_a_satellite_or_day_that_is_not_there_is_said_with_those_that_are(tmp_path, capsys):
     """Contract: letters that no event can have and days that no calendar has are wrong usage, others are not found."""
     folder = ranging_files(tmp_path / "level1")
-    for word in ("run", "plan", "detect", "campaign"):
-        assert gravcal(word, "com_offset", "--data", folder, "--satellite", "X") == 2
-        assert "--satellite X: expected C or D" in " ".join(capsys.readouterr().err.split())
-    for word in ("run", "plan", "detect", "discover"):
-        assert gravcal(word, "kbr_phase_centre", "--data", folder, "--date", "2020-13-01") == 2
-        assert "2020-13-01 is no day of the calendar, expected YYYY-MM-DD" in " ".join(capsys.readouterr().err.split())
+    for wrong, said in (
+        (("com_offset", "--satellite", "X"), "--satellite X: expected C or D"),
+        (("kbr_phase_centre", "--date", "2020-13-01"), "2020-13-01 is no day of the calendar, expected YYYY-MM-DD"),
+    ):
+        assert gravcal("run", *wrong, "--data", folder) == 2
+        assert said in " ".join(capsys.readouterr().err.split())
     for wrong in (("--satellite", "AB"), ("--date", "2020-12-01")):
         assert gravcal("run", "kbr_phase_centre", "--data", folder, *wrong) == 3
         said = " ".join(capsys.readouterr().err.split())

@@ -1,7 +1,6 @@
 """Configurations: what a what-if leaves alone, what a name stands for, and promotion."""
 
 import json
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -253,16 +252,14 @@ def test_experiments_are_listed_as_such_and_a_comparison_needs_events_of_both(ru
     assert gravcal("compare", "fakecal", "operational", "other") == 1
 
 
-def test_a_campaign_of_an_experiment_leaves_the_delivery(run, fakecal, pipeline):
+def test_a_campaign_of_an_experiment_leaves_the_delivery(run, fakecal, pipeline, environment):
     """Contract: in workers of Dask; its settings are recorded."""
     run()
     before = links()
-    folder = fakecal / "events" / "1"
-    folder.mkdir(parents=True)
-    (folder / pipeline.raw.name).write_text(pipeline.raw.read_text())
-    known = {"FAKE_CODE": str(pipeline.folder.parent), "FAKE_FLOWS": str(fakecal / "extra")}
-    words = ["campaign", "fakecal", "--data", folder.parent, "--set", "gain=3", "--engine", "inline", "--workers", "1"]
-    subprocess.run([sys.executable, SCRIPT, *map(str, words)], check=True, env=os.environ | known, capture_output=True)
+    pipeline.event(fakecal / "events", 1)
+    words = ["campaign", "fakecal", "--data", fakecal / "events", "--set", "gain=3", "--engine", "inline"]
+    command_line = [sys.executable, SCRIPT, *map(str, words), "--workers", "1"]
+    subprocess.run(command_line, check=True, env=environment, capture_output=True)
     assert links() == before
     assert links("gain-3.0")
     assert configurations.names("fakecal") == ["gain-3.0"]

@@ -81,29 +81,18 @@ SETTINGS = {"discovery_level": 0.005, "tie_chi2": 9.0, "round_limit": 4, "segmen
 def events(fakecal, pipeline):
     """Return a folder with one event."""
     folder = fakecal / "events"
-    add(folder, pipeline, 1)
+    pipeline.event(folder, 1)
     return folder
 
 
-def add(folder, pipeline, number):
-    """Let the data of another event arrive."""
-    (folder / str(number)).mkdir(parents=True)
-    (folder / str(number) / pipeline.raw.name).write_text("a" * number)
-
-
 @pytest.fixture
-def environment(fakecal, pipeline, prefect_home):
+def environment(environment, fakecal, prefect_home):
     """Return the environment in which the processes of the runs find the invented calibration."""
     site = fakecal / "site"
     site.mkdir()
     (site / "sitecustomize.py").write_text(EVERYWHERE)
-    known = {
-        "FAKE_CODE": str(pipeline.folder.parent),
-        "FAKE_FLOWS": str(fakecal / "extra"),
-        "PYTHONPATH": f"{site}{os.pathsep}{ROOT}",
-    }
-    known |= {"PREFECT_HOME": str(prefect_home), "PREFECT_RUNNER_POLL_FREQUENCY": "1"}
-    return {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")} | known
+    known = {"PYTHONPATH": f"{site}{os.pathsep}{ROOT}"}
+    return environment | known | {"PREFECT_HOME": str(prefect_home), "PREFECT_RUNNER_POLL_FREQUENCY": "1"}
 
 
 @pytest.fixture
@@ -336,10 +325,10 @@ def test_a_note_beside_the_run_says_what_a_new_event_changed(environment, events
     tables = [f'[{n}]\nvalue = {v}\nstage = "discovery"\nreason = "invented"\n' for n, v in SETTINGS.items()]
     parameters.write_text("\n".join([parameters.read_text(), *tables]))
     for number in (2, 3):
-        add(events, pipeline, number)
+        pipeline.event(events, number)
     process, url = begin(environment, events)
     first = artifacts(url, finished(url, events, 1)[0])["fakecal-joint"]
-    add(events, pipeline, 4)
+    pipeline.event(events, 4)
     second = artifacts(url, finished(url, events, 2)[0])["fakecal-joint"]
     end(process, url)
     assert "grace-c: 3 events: no cause that they share." in first
