@@ -59,7 +59,7 @@ def of_table():
     yield "Table 7, chi-square", ", ".join(STUDY["variants"]), ""
     for name, cause, form, said in STUDY["causes"]:
         yield f"  {name}", numbers([left(one, cause, form) for one in tables], ".0f"), said
-    weighed = [{row["cause"]: row["log_odds"] for row in one.weighed()} for one in tables]
+    weighed = [{row.cause: row.log_odds for row in one.weighed()} for one in tables]
     odds = [np.exp(row["accelerometer.angular_leak"] - row["accelerometer.current_leak"]) for row in weighed]
     yield "  odds of the coupling against a current", numbers(odds, ".0f"), "not weighed"
     for name, more in STUDY["more"].items():

@@ -45,7 +45,7 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
         f"report/{one.ref.stage}/{n}": (one.ref.folder / n).read_bytes() for one in entries for n in one.record["files"]
     }
     for one in reports:
-        text = discovery.model_text({"findings": []}, event, history.model_of(one.record)).encode()
+        text = discovery.model_text((), event, history.model_of(one.record)).encode()
         files |= (
             {f"report/{one.ref.stage}/model.toml": text} if text and "model.toml" not in one.record["files"] else {}
         )

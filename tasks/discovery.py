@@ -9,7 +9,7 @@ import json
 import sys
 
 from gravcal.discovery import DISCOVERY
-from gravcal.estimation.quantities import result_of
+from gravcal.estimation.outcome import outcome_of
 from gravcal.estimation.records import Reported, entries
 from gravcal.store import product
 from tasks.stage import lazy, stage
@@ -104,8 +104,8 @@ def observations_of(products, observations, names, settings):
 
 
 def _model(found, tentative=True):
-    findings = result_of(found).get("findings", [])
-    return entries([one for one in findings if tentative or one["adopted"]])
+    outcome = outcome_of(found)
+    return [entry for one in outcome.findings if tentative or one.adopted for entry in one.entries] if outcome else []
 
 
 def _without(observed, products, records, names, model):

@@ -15,6 +15,7 @@ from gravcal.discovery import attribution, scan
 from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, observed_rows, prepare, residuals_of
 from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail
+from gravcal.estimation.outcome import Band, Outlier
 
 BANDS = 4
 DRAWS = 199
@@ -33,7 +34,7 @@ class Test:
     """Outcome."""
 
     p: float  #: probability of so small a minimum on clean data
-    rows: list[dict]  #: {"block", "channel", "band", "ratio", "p"}, power against expected noise
+    rows: list[Band]  #: power against expected noise
     scans: list[scan.Scan]  #: list of Scan of the residual
     rest: list[np.ndarray]  #: (n,) residual of each block
     quiet: float = 1.0  #: of so little power in any channel and band
@@ -81,8 +82,8 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     return Test(_rank(least), rows, own, [r[:, 0].copy() for r in rest], quiet, excess, excess_p)
 
 
-def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Problem, list[dict]]:
-    """Problem without isolated outliers in any column, and {"block", "channel", "axis", "time", "sigma"} of each.
+def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Problem, list[Outlier]]:
+    """Problem without isolated outliers in any column, and these.
 
     A sample that is further from the baseline than noise can be, alone in its channel but for what the whitening makes
     of it (order: coefficients of the noise model), and that no listed cause and no step explains. A column of its own
@@ -104,8 +105,8 @@ def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Proble
                 if here.size < 8 * BANDS or _explained(problem, baseline, rest, k, group, limit):
                     continue
                 rows += group.tolist()
-                numbers = {"time": float(block.time[worst]), "sigma": float(values[worst, 0])}
-                found.append({"block": block.label, "channel": channel, "axis": "xyz"[axis]} | numbers)
+                where = block.label, channel, "xyz"[axis]
+                found.append(Outlier(*where, float(block.time[worst]), float(values[worst, 0])))
         if rows:
             own = np.zeros((block.observed.size, len(rows)))
             own[rows, np.arange(len(rows))] = 1.0
@@ -200,8 +201,8 @@ def _bands(blocks, rest):
                     total = sums.setdefault(place, np.zeros(power.shape[1] + 1))
                     total += np.append(power[band], freedom[band])
                 log_p.append(chi2_tail.log_gamma_tail(power[band], shape, mean))
-                one = {"block": block.label, "channel": str(channel), "band": band, "p": float(np.exp(log_p[-1][0]))}
-                rows.append(one | {"ratio": float(power[band, 0] / mean)})
+                numbers = float(np.exp(log_p[-1][0])), float(power[band, 0] / mean)
+                rows.append(Band(block.label, str(channel), band, *numbers))
     means = {place: s[1:-1].mean() for place, s in sums.items()}
     shapes = {place: means[place] ** 2 / s[-1] for place, s in sums.items()}
     less = [chi2_tail.log_gamma_tail(s[:-1], shapes[n], means[n], smaller=True) for n, s in sums.items()]

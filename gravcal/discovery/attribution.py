@@ -11,6 +11,7 @@ import numpy as np
 
 from gravcal.discovery.problem import Problem, baseline_of, inverse_of, root_of
 from gravcal.estimation import chi2_tail
+from gravcal.estimation.outcome import Separation, Unobservable
 
 #: Share of its size that a column keeps when it counts as seen beside the baseline.
 SEEN = 1e-4
@@ -147,11 +148,10 @@ BIAS = 0.5
 ROUNDING = 1e-7
 
 
-def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray) -> list[dict]:
+def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray) -> list[Unobservable]:
     """Directions of listed causes that vanish beside the calibration parameters, with the bias they could cause.
 
-    {"cause", "direction": {parameter: share of its plausible size}, "signal_to_noise", "bias": [s], "bias_in_sigma"}
-    each, of the first s shared columns of the baseline, at the plausible size.
+    The bias is that of the first (s,) shared columns of the baseline.
     """
     total, width = problem.total, scale.size
     inverse, gram, rows = inverse_of(total[np.ix_(baseline, baseline)]), projected(total, baseline), []
@@ -170,17 +170,12 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
             if ratio < UNSEEN and size > BIAS:
                 shares = zip(candidate.names, vector.tolist(), strict=True)
                 direction = {n: round(v, 4) for n, v in shares if abs(v) > 0.05}
-                one = {"cause": candidate.cause, "direction": direction, "signal_to_noise": ratio}
-                rows.append(one | {"bias": (scale * bias).tolist(), "bias_in_sigma": size})
+                rows.append(Unobservable(candidate.cause, direction, ratio, (scale * bias).tolist(), size))
     return rows
 
 
-def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, tie: float) -> dict:
-    """How well this data tells a cause, true at its fitted value, from another, where best, and how much data would do.
-
-    {"cause", "expected_chi2", "best_block", "events_needed"}: None events if none can; told apart from a chi-square of
-    `tie` on.
-    """
+def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, tie: float) -> Separation:
+    """How well this data tells a cause, true at its fitted value, from another; apart from a chi-square of `tie` on."""
     total = problem.total
     gram = projected(total, baseline)
     true, place = problem.places[index], problem.places[other]
@@ -194,5 +189,4 @@ def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, t
     expected = float(max(parts.sum(), 0.0))
     needed = int(np.ceil(tie / expected)) if expected > 1e-3 * tie else None
     best = problem.blocks[int(np.argmax(parts))].label if expected > 1e-6 else None
-    cause = problem.candidates[other].cause
-    return {"cause": cause, "expected_chi2": expected, "best_block": best, "events_needed": needed}
+    return Separation(problem.candidates[other].cause, expected, best, needed)

@@ -4,8 +4,8 @@ A calibration hands over `gravcal.estimation.records.Observations`; nothing here
 """
 
 import itertools
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -27,8 +27,8 @@ from gravcal.discovery.rounds import Choice, Finding, Result, begun, concluded
 from gravcal.discovery.scan import offered, side_by_side
 from gravcal.discovery.trials import EXCESS, SHARES
 from gravcal.errors import CatalogError
-from gravcal.estimation import chi2_tail
-from gravcal.estimation.quantities import SCHEMA, result_of, tabled
+from gravcal.estimation import chi2_tail, outcome
+from gravcal.estimation.quantities import SCHEMA, tabled
 from gravcal.estimation.records import (
     Block,
     Candidate,
@@ -37,7 +37,6 @@ from gravcal.estimation.records import (
     LineSearch,
     Observations,
     Parameter,
-    entries,
     epoch_of,
     slug_of,
 )
@@ -62,8 +61,7 @@ def discover(observed: Observations | None, limits: Limits) -> xr.Dataset:
     if observed is None:
         values = {name: [] for name, stated in DISCOVERY.items() if not stated.get("optional") and name not in SCHEMA}
         return tabled(_dataset(values, channels="", blocks=""), {"status": "no_manoeuvre"})
-    result, numbers = _searched(observed, limits, ())
-    return _product(observed, limits, result, numbers)
+    return _product(observed, limits, *_searched(observed, limits, ()))
 
 
 def discover_again(observed: Observations | None, limits: Limits, first: xr.Dataset, model: Sequence[Entry]):
@@ -79,15 +77,16 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     first : Dataset of kind discovery
     model : what it found
     """
-    before = result_of(first)
-    gains = [(one["cause"], one["heldout_gain"]["in_sample_chi2"]) for one in before.get("findings", [])]
-    if observed is None or not observed.worth_another(gains, before.get("adequate_after", True)):
+    before = outcome.outcome_of(first)
+    gains = [(one.cause, one.heldout_gain.in_sample_chi2) for one in before.findings] if before else []
+    if observed is None or not observed.worth_another(gains, before is None or before.adequate_after):
         return first
-    result, numbers = _searched(observed, limits, model, before["calibration_change"]["before"])
-    if not numbers["adequate_after"] and numbers["p_after"] < before["p_after"]:
+    result, found = _searched(observed, limits, model, before.calibration_change.before)
+    if not found.adequate_after and found.p_after < before.p_after:
         return first
-    numbers |= {name: before[name] for name in ("adequate_before", "p_before", "p_quiet_before", "tried")}
-    return _product(observed, limits, result, numbers).assign_attrs(rebuilt="yes")
+    known = {"p_before": before.p_before, "p_quiet_before": before.p_quiet_before, "tried": before.tried}
+    found = replace(found, adequate_before=before.adequate_before, **known)
+    return _product(observed, limits, result, found).assign_attrs(rebuilt="yes")
 
 
 def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
@@ -114,7 +113,7 @@ def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits
         left = left[np.argsort(_order(observed.blocks)[2])]
     left = np.split(left, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
     rows = detection_limits(observed, left, _choice(observed, limits), say)
-    return tabled(found, result_of(found) | {"limits": rows})
+    return tabled(found, replace(outcome.outcome_of(found), limits=tuple(rows)))
 
 
 def _choice(observed, limits):
@@ -125,7 +124,7 @@ def _choice(observed, limits):
 
 
 def _searched(observed, limits, model, before=None):
-    """Result of a search in the observations with the effects of a model added, and its numbers.
+    """Result of a search in the observations with the effects of a model added, and its outcome.
 
     A strong effect added in its linear form is not quite what the records hold: the calibration of the records as they
     are, which stays where nothing is adopted, is given from the first search.
@@ -138,36 +137,26 @@ def _searched(observed, limits, model, before=None):
         shared = np.append(np.array(before) / observed.scale - observed.start, result.shared[0][count:])
         whole = replace(result, shared=(shared, result.shared[1]))
     averaged = delivered(whole, choice, count)
-    numbers = summary(averaged, choice, observed)
-    for one in numbers["indistinguishable_from_calibration"]:
-        if one["cause"] in averaged.unseen:
-            one["bias_in_error"] = (observed.scale * averaged.unseen[one["cause"]][:count]).tolist()
-    for position, finding in enumerate(numbers["findings"]):
-        _described(finding, result, position, observed, waves)
-    _without_epochs(numbers)
-    numbers |= _weighed(observed, numbers["findings"])
-    change = numbers["calibration_change"]
-    change |= {} if observed.epoch is None else {"epoch": observed.epoch}
-    numbers["expected"] = {name: list(known) for name, known in observed.expected.items()}
-    calibrated = observed.scale * (observed.start + _without_model(result, observed, numbers["findings"]))
-    if before is not None and not any(one["adopted"] for one in numbers["findings"]):
+    found, weighed = summary(averaged, choice, observed), observed.weighed()
+    findings = [_described(one, result, k, observed, waves) for k, one in enumerate(found.findings)]
+    findings[:1] = [_tied(one, {row.cause: row.log_odds for row in weighed}) for one in findings[:1]]
+    calibrated = observed.scale * (observed.start + _without_model(result, observed, findings))
+    if before is not None and not any(one.adopted for one in findings):
         calibrated = np.array(before)  # of the records as they are
-    change["correction"] = (np.array(change["after"]) - calibrated).tolist()
-    named = {slug_of(one.cause) for one in result.findings}
-    rows = _beside(result.problem, observed, count)
-    numbers["indistinguishable_from_calibration"] += [one for one in rows if one["cause"] not in named]
-    return result, numbers
+    correction = (np.array(found.calibration_change.after) - calibrated).tolist()
+    change = replace(found.calibration_change, epoch=observed.epoch, correction=correction)
+    named = {one.cause for one in findings}
+    hidden = [one for one in _beside(result.problem, observed, count) if one.cause not in named]
+    hidden = [*found.indistinguishable_from_calibration, *hidden]
+    made = {"findings": findings, "weighed": tuple(weighed), "indistinguishable_from_calibration": hidden}
+    return result, replace(found, calibration_change=change, **made)
 
 
-def _weighed(observed, findings):
-    """Evidence of each cause alone; those that it does not set apart are tied with the first finding, in place."""
-    rows = observed.weighed()
-    odds = {row["cause"]: row["log_odds"] for row in rows}
-    for one in (one for one in findings[:1] if one["cause"] in odds):
-        own = one["cause"]
-        near = [c for c, other in odds.items() if c != own and other > max(odds[own] - np.log(TIED_ODDS), 0.0)]
-        one["tied_with"] = [*dict.fromkeys([*one["tied_with"], *near])]
-    return {"weighed": rows} if rows else {}
+def _tied(finding, odds):
+    """Finding, tied with what the evidence {cause: logarithm of the odds} of each cause alone does not set apart."""
+    own = odds.get(finding.cause, np.inf)
+    near = [c for c, other in odds.items() if c != finding.cause and other > max(own - np.log(TIED_ODDS), 0.0)]
+    return replace(finding, tied_with=[*dict.fromkeys([*finding.tied_with, *near])])
 
 
 def _without_model(result, observed, findings):
@@ -179,7 +168,7 @@ def _without_model(result, observed, findings):
     lines = {*observed.tones.values(), *(one.cause for one in observed.lines)}
     added = [np.zeros(block.observed.size) for block in problem.blocks]
     for finding, one in zip(findings, result.findings, strict=True):
-        effects = [observed.response(entry) for entry in entries([finding])] if finding["adopted"] else []
+        effects = [observed.response(entry) for entry in finding.entries if finding.adopted]
         mine = problem.candidates[one.index]
         between = (mine.shape is not None or mine.cause != slug_of(mine.cause)) and slug_of(mine.cause) not in lines
         if effects and between and not any(np.any(rows) for effect in effects for rows in effect):
@@ -217,47 +206,30 @@ def _fitted(result, position):
     return Fitted(candidate, one.value, one.sigma, result.after.rest, result.problem.bases)
 
 
-def _described(finding: dict, result: Result, position: int, observed, waves):
-    """Parameters of a finding as the effect of the catalogue has them, in place."""
-    one: Finding = result.findings[position]
-    fitted = _fitted(result, position)
+def _described(finding: outcome.NamedCause, result: Result, position: int, observed, waves) -> outcome.NamedCause:
+    """The finding with its parameters as the effect of the catalogue has them."""
+    one, fitted, parameters = result.findings[position], _fitted(result, position), dict(finding.parameters)
     if one.cause == EXCESS:  # which no model takes out
-        shape = fitted.candidate.shape
-        values = shape.names, shape.value.tolist(), np.sqrt(np.diag(shape.covariance)).tolist(), shape.units
-        rows = {n: {"value": v, "sigma": s or None, "unit": u} for n, v, s, u in zip(*values, strict=True)}
-        finding |= {"parameters": rows, "model": {}}
-        return
+        known = fitted.candidate.shape.parameters.items()
+        return replace(finding, parameters={n: replace(p, sigma=p.sigma or None) for n, p in known})
     if one.form in waves:
         words = one.form.partition(",")[0].split()  # "<channel> reading <axis>"
-        frequency = finding["parameters"]["frequency"]
         known = one.value[np.isfinite(one.value)], one.sigma[np.isfinite(one.value)]
         size = float(np.sqrt(max(2 * np.mean(known[0] ** 2 - known[1] ** 2), 0.0)))  # less what noise adds
         sigma = float(np.sqrt(np.mean(known[1] ** 2) / max(known[0].size / 2, 1)))
-        amplitude = {"value": size, "sigma": sigma, "unit": one.units[0]}
-        finding["parameters"] = {"frequency": frequency, words[2] if len(words) > 2 else "amplitude": amplitude}
+        parameters = {"frequency": parameters["frequency"]}
+        parameters[words[2] if len(words) > 2 else "amplitude"] = Parameter(size, sigma, one.units[0])
     elif not np.isfinite(one.value).any():
-        finding["parameters"] = named_parameters(result, position)
+        parameters = named_parameters(result, position)
     spacing = observed.spacing(epoch_of(one.cause)) if "@" in one.cause else None
     if spacing is not None:
-        finding["parameters"]["time"] = _epoch(result, position, spacing)
-    where = {n: p for n, p in finding["parameters"].items() if n in ("time", "frequency")}
-    finding["model"] = named_parameters(result, position) | where
-    for field in ("parameters", "model"):
-        rows = finding[field].items()
-        known = {n: Parameter(p["value"], p["sigma"], p["unit"], p.get("correlation", {})) for n, p in rows}
-        entry = observed.physical(Entry(slug_of(one.cause), one.form, known), fitted)
-        finding[field] = {n: _plain(p) for n, p in entry.parameters.items()}
-        for name in ("waves", "leads"):
-            if getattr(entry, name):
-                finding[name] = [_plain(each) for each in getattr(entry, name)]
-    if not observed.whole_manoeuvres:
-        finding["heldout"] = "blocks"
-
-
-def _plain(record):
-    """Fields of a record but those that are empty."""
-    rows = asdict(record).items()
-    return {n: v for n, v in rows if n in ("value", "sigma") or v not in (None, {})}
+        parameters["time"] = _epoch(result, position, spacing)
+    where = {n: p for n, p in parameters.items() if n in ("time", "frequency")}
+    both = parameters, named_parameters(result, position) | where
+    seen, model = (observed.physical(Entry(finding.cause, one.form, known), fitted) for known in both)
+    more = {"waves": model.waves or seen.waves, "leads": model.leads or seen.leads}
+    heldout = finding.heldout if observed.whole_manoeuvres else "blocks"
+    return replace(finding, parameters=seen.parameters, model=model.parameters, heldout=heldout, **more)
 
 
 def _epoch(result, position, width):
@@ -271,38 +243,24 @@ def _epoch(result, position, width):
     gain = np.array([attribution.ratio(gram, problem.places[places[k]], problem.size).gain for k in at.tolist()])
     share, spacing = (2 * np.log(np.gradient(at)), np.diff(at).min()) if at.size > 1 else (0.0, width)
     mean, spread = attribution.likely(at, gain + share, spacing)
-    return {"value": mean, "sigma": spread, "unit": "s"}
+    return Parameter(mean, spread, "s")
 
 
-def _without_epochs(numbers: dict) -> None:
-    """Give causes the slugs of the catalogue, in place; a cause is not tied with itself at another epoch."""
-    for one in numbers["findings"]:
-        one["cause"] = slug_of(one["cause"])
-        one["tied_with"] = [n for n in dict.fromkeys(map(slug_of, one["tied_with"])) if n != one["cause"]]
-        rows = {slug_of(row["cause"]): row | {"cause": slug_of(row["cause"])} for row in one["separation"]}
-        one["separation"] = [row for name, row in rows.items() if name != one["cause"]]
-    rows: dict[str, dict] = {}
-    for row in numbers["tried"]:
-        rows.setdefault(slug_of(row["cause"]), row | {"cause": slug_of(row["cause"])})
-    numbers["tried"] = list(rows.values())
-
-
-def _beside(problem: Problem, observed: Observations, count: int) -> list[dict]:
+def _beside(problem: Problem, observed: Observations, count: int) -> list[outcome.Unobservable]:
     """Effects that these data do not show at a plausible size, and that move a result beside the parameters."""
     gram, rows = attribution.projected(problem.total, baseline_of(problem, ())), []
-    places = [((c.cause, *c.names), place.start) for c, place in zip(problem.candidates, problem.places, strict=True)]
+    alone = [(c, place.start) for c, place in zip(problem.candidates, problem.places, strict=True)]
     for one in observed.biased():
-        k = next((start for names, start in places if names == (one.cause, one.parameter)), None)
-        seen = k is not None and gram[k, k] > ROUNDING * problem.total[k, k]
-        ratio = one.prior * np.sqrt(gram[k, k]) if seen else 0.0
-        if ratio < UNSEEN and one.in_sigma > BIASED:
-            words = {"cause": one.cause, "direction": {one.parameter: 1.0}, "signal_to_noise": float(ratio)}
-            numbers = {"bias": [0.0] * count, "bias_in_sigma": one.in_sigma, one.name: one.rms.tolist()}
-            rows.append(words | numbers)
+        known = (found for found in alone if [found[0].cause, *found[0].names] == [one.cause, *one.direction])
+        candidate, k = next(known, (None, 0))
+        seen = candidate and gram[k, k] > ROUNDING * problem.total[k, k]
+        ratio = float(candidate.prior[0] * np.sqrt(gram[k, k])) if seen else 0.0
+        if ratio < UNSEEN and one.bias_in_sigma > BIASED:
+            rows.append(replace(one, signal_to_noise=ratio, bias=[0.0] * count))
     return rows
 
 
-def _product(observed, limits, result, numbers):
+def _product(observed, limits, result, found):
     """Product of a search, with the reading that each finding helps most and the columns of what was found."""
     without, rows = [], observed_rows(result.problem)
     for one in result.findings:
@@ -319,7 +277,8 @@ def _product(observed, limits, result, numbers):
     places = clearest(whole, channels, limits.level, without, acts)
     shown = variables(whole, places, observed.reading, without, observed.contiguous)
     shown["found_columns"] = np.concatenate(columns)
-    return dataset(whole, numbers, observed.channels, shown, places, observed.periods)
+    found = replace(found, readings=outcome.Readings(places, [*observed.periods]))
+    return dataset(whole, found, observed.channels, shown)
 
 
 def _order(blocks: list[Block]) -> tuple[list[str], np.ndarray, np.ndarray]:
@@ -343,7 +302,7 @@ def _joined(result: Result, given: Sequence) -> tuple[Result, list]:
         nothing = np.zeros((own.size, 0))
         blocks.append(Block(name, own, nothing, nothing, *about))
     tests = [
-        replace(test, rest=joined(test.rest), rows=[r | {"block": r["block"].split()[0]} for r in test.rows])
+        replace(test, rest=joined(test.rest), rows=[replace(r, block=r.block.split()[0]) for r in test.rows])
         for test in (result.before, result.after)
     ]
     whole = replace(result, problem=replace(result.problem, blocks=blocks), before=tests[0], after=tests[1])
@@ -410,10 +369,8 @@ def _dataset(values, **attrs):
     return xr.Dataset(made, attrs={"time_scale": "GPS"} | attrs)
 
 
-def dataset(
-    result: Result, numbers: dict, channels: Sequence[str], reading: Mapping, places: Sequence, periods: Iterable
-) -> xr.Dataset:
-    """Product of a search: residuals, adequacy, numbers of `summary`, readings of `variables` at `places`."""
+def dataset(result: Result, found: outcome.Outcome, channels: Sequence[str], reading: Mapping) -> xr.Dataset:
+    """Product of a search: residuals, adequacy, its outcome, readings of `variables`."""
     blocks, before, after = result.problem.blocks, result.before, result.after
     rows = before.rows
     names = list(dict.fromkeys([*channels, *(str(c) for b in blocks for c in b.channel)]))
@@ -427,79 +384,69 @@ def dataset(
         "observed": np.concatenate([b.observed for b in blocks]),
         "residual_before": np.concatenate(before.rest),
         "residual_after": np.concatenate(after.rest),
-        "test_block": [labels[r["block"]] for r in rows],
-        "test_channel": [place[r["channel"]] for r in rows],
-        "test_band": [r["band"] for r in rows],
-        "power_before": [r["ratio"] for r in rows],
-        "power_after": [r["ratio"] for r in after.rows],
-        "p_band_before": [r["p"] for r in rows],
-        "p_band_after": [r["p"] for r in after.rows],
+        "test_block": [labels[r.block] for r in rows],
+        "test_channel": [place[r.channel] for r in rows],
+        "test_band": [r.band for r in rows],
+        "power_before": [r.ratio for r in rows],
+        "power_after": [r.ratio for r in after.rows],
+        "p_band_before": [r.p for r in rows],
+        "p_band_after": [r.p for r in after.rows],
     }
-    shown = [asdict(one) | {"block": blocks[one.block].label} for one in places]
     made = _dataset(values | reading, channels=" ".join(names), blocks=", ".join(labels))
-    return tabled(made, numbers | {"readings": {"shown": shown, "periods": list(periods)}})
+    return tabled(made, found)
 
 
-def summary(result: Result, choice: Choice, observed: Observations) -> dict:
-    """Numbers of a discovery as plain lists and floats, NaN where not determined, in the unit that is reported."""
-    rows = {}
-    for trial in result.first:
-        one = {"cause": trial.cause, "form": trial.form, "chi2": trial.gain, "parameters": trial.dof}
-        rows.setdefault(trial.cause, one | {"significance": trial.significance})
-    return {
-        "adequate_before": result.before.adequate(choice.level),
-        "adequate_after": result.after.adequate(choice.level),
-        "p_before": result.before.p,
-        "p_after": result.after.p,
-        "p_quiet_before": result.before.quiet,
-        "p_quiet_after": result.after.quiet,
-        "level": choice.level,
-        "outliers": result.outliers,
-        "findings": [_finding(one, choice, k, result.adopted) for k, one in enumerate(result.findings)],
-        "indistinguishable_from_calibration": beside_calibration(
-            result.problem, baseline_of(result.problem, ()), observed.scale
-        ),
-        "unexplained": _unexplained(result, choice),
-        "calibration_change": _change(result, observed),
-        "gain": _gained(result),
-        "tried": list(rows.values()),
-    }
+def summary(result: Result, choice: Choice, observed: Observations) -> outcome.Outcome:
+    """Outcome of a search, NaN where not determined, with the parameters of the candidates; causes without epochs."""
+    before, after, tried = result.before, result.after, {}
+    for one in result.first:
+        cause = slug_of(one.cause)
+        tried.setdefault(cause, outcome.Tried(cause, one.form, one.gain, one.dof, one.significance))
+    hidden = beside_calibration(result.problem, baseline_of(result.problem, ()), observed.scale)
+    errors = {cause: (observed.scale * one[: observed.scale.size]).tolist() for cause, one in result.unseen.items()}
+    hidden = [replace(one, bias_in_error=errors.get(one.cause, ())) for one in hidden]
+    adequate = before.adequate(choice.level), after.adequate(choice.level)
+    chances = before.p, after.p, before.quiet, after.quiet, choice.level
+    findings = [_finding(one, choice, k, result.adopted) for k, one in enumerate(result.findings)]
+    left = _unexplained(after) if after.p < choice.level else outcome.Unexplained()
+    moved = _change(result, observed), _gained(result)
+    named = result.outliers, findings, hidden, left, *moved, [*tried.values()], observed.expected
+    return outcome.Outcome(*adequate, *chances, *named)
 
 
 def _finding(found: Finding, choice, position, adopted):
     values = zip(found.names, found.value.tolist(), found.sigma.tolist(), found.units, strict=True)
-    parameters = {n: {"value": v, "sigma": s, "unit": u} for n, v, s, u in values}
+    parameters, cause = {n: Parameter(v, s, u) for n, v, s, u in values}, slug_of(found.cause)
     if np.isfinite(found.at):
         name, unit = ("time", "s") if "time" in found.form else ("frequency", "Hz")
-        parameters[name] = {"value": found.at, "sigma": found.at_sigma, "unit": unit}
-    return {
-        "cause": found.cause,
-        "form": found.form,
-        "tied_with": [*found.tied, *(one["cause"] for one in found.imitators)],
-        "adopted": adopted[position] if adopted else True,
-        "in_catalogue": not found.cause.startswith("unknown:"),
-        "parameters": parameters,
-        "significance": found.significance,
-        "level": choice.level,
-        "heldout": found.kind,
-        "heldout_gain": {"chi2": found.heldout, "in_sample_chi2": found.gain, "parameters": found.dof},
-        "separation": found.separation,
-        "imitators": found.imitators,
-    }
+        parameters[name] = Parameter(found.at, found.at_sigma, unit)
+    tied = dict.fromkeys(map(slug_of, [*found.tied, *(one.cause for one in found.imitators)]))
+    apart = {slug_of(one.cause): replace(one, cause=slug_of(one.cause)) for one in found.separation}
+    return outcome.NamedCause(
+        cause,
+        found.form,
+        parameters,
+        tied_with=[one for one in tied if one != cause],
+        adopted=adopted[position] if adopted else True,
+        in_catalogue=not cause.startswith("unknown:"),
+        model={},
+        significance=found.significance,
+        level=choice.level,
+        heldout=found.kind,
+        heldout_gain=outcome.HeldoutGain(found.heldout, found.gain, found.dof),
+        separation=[one for name, one in apart.items() if name != cause],
+        imitators=found.imitators,
+    )
 
 
-def _unexplained(result, choice):
-    """What is left where the extended model is not adequate: worst bands, lines and steps."""
-    if result.after.p >= choice.level:
-        return {}
-    rows = sorted(result.after.rows, key=lambda r: r["p"])[:5]
+def _unexplained(after):
+    """Worst bands, lines and steps of what is left."""
     scans = []
-    for one in result.after.scans:
+    for one in after.scans:
         best = int(np.argmax(one.gain[:, 0] - one.dof))
-        name = "frequency_hz" if one.kind == "line" else "time"
-        scans.append({"kind": one.kind, "channel": one.channel, name: float(one.at[best])})
-        scans[-1] |= {"chi2": float(one.gain[best, 0]), "parameters": int(one.dof[best])}
-    return {"p": result.after.p, "bands": rows, "scans": scans}
+        where = {"frequency_hz" if one.kind == "line" else "time": float(one.at[best])}
+        scans.append(outcome.Peak(one.kind, one.channel, float(one.gain[best, 0]), int(one.dof[best]), **where))
+    return outcome.Unexplained(after.p, sorted(after.rows, key=lambda r: r.p)[:5], scans)
 
 
 def _change(result, observed):
@@ -507,36 +454,19 @@ def _change(result, observed):
     scale, start, count = observed.scale, observed.start, observed.scale.size
     (before, after), (old, new) = ([part[:count] for part in both] for both in (result.shared, result.sigma))
     extra = (result.covariance[1] - result.covariance[0])[:count, :count]
-    return {
-        "names": list(observed.parameters),
-        "unit": observed.unit,
-        "before": (scale * (start + before)).tolist(),
-        "sigma_before": (scale * old).tolist(),
-        "after": (scale * (start + after)).tolist(),
-        "sigma_after": (scale * new).tolist(),
-        "variant": "joint fit",
-        "covariance_of_findings": (np.outer(scale, scale) * extra).tolist(),
-        "change": (scale * (after - before)).tolist(),
-        "change_in_old_sigma": ((after - before) / np.where(old > 0, old, np.inf)).tolist(),
-    }
+    rows = [scale * row for row in (start + before, old, start + after, new, after - before)]
+    rows += [(after - before) / np.where(old > 0, old, np.inf), np.outer(scale, scale) * extra]
+    words = observed.parameters, observed.unit, "joint fit"
+    return outcome.Change(*words, *(row.tolist() for row in rows), correction=())
 
 
 def _gained(result):
     """Chi-square, likelihood and criterion before and after, rms of the whitened residuals by channel."""
     (before, after), count = result.chi2, result.problem.samples.sum()
     more = result.baseline.size - (result.problem.shared.stop - result.problem.shared.start)
-    return {
-        "chi2_before": before,
-        "chi2_after": after,
-        "dof_before": result.dof,
-        "dof_after": result.dof - more,
-        "heldout_chi2": float(sum(f.heldout for f in result.findings)),
-        "log_likelihood_before": -before / 2,
-        "log_likelihood_after": -after / 2,
-        "bic_change": after - before + more * float(np.log(max(count, 1))),
-        "rms_before": _rms(result.problem.blocks, result.before.rest),
-        "rms_after": _rms(result.problem.blocks, result.after.rest),
-    }
+    heldout, bic = float(sum(f.heldout for f in result.findings)), after - before + more * float(np.log(max(count, 1)))
+    rms = [_rms(result.problem.blocks, test.rest) for test in (result.before, result.after)]
+    return outcome.Gain(before, after, result.dof, result.dof - more, heldout, -before / 2, -after / 2, bic, *rms)
 
 
 def _rms(blocks, rest):
@@ -555,19 +485,9 @@ CURVE = 60
 CLEAR = 10.0
 
 
-@dataclass(frozen=True)
-class Shown:
-    """Where a finding is shown."""
-
-    finding: int  #: its number, -1 where none was named
-    channel: str
-    block: int  #: number
-    axis: int
-
-
 def clearest(
     result: Result, channels: Sequence[str], level: float, without: Sequence, acts: Sequence = ()
-) -> list[Shown]:
+) -> list[outcome.Shown]:
     """For each finding the channel, block and axis whose rows it helps most; none where it helps no curve.
 
     `without` are, for each finding, the residuals (n,) that the extended model without it leaves of each block; `acts`
@@ -584,21 +504,22 @@ def clearest(
                 size = np.bincount(block.axis, np.where(block.channel == channel, drop, 0.0))
                 drops[size.sum(), channel, k] = int(size.argmax())
         gain, channel, k = max(drops, default=(0.0, "", 0))
-        found += [Shown(number, channel, k, drops[gain, channel, k])] if gain >= CLEAR else []
+        place = outcome.Shown(number, channel, result.problem.blocks[k].label, drops.get((gain, channel, k), 0))
+        found += [place] if gain >= CLEAR else []
     if without or result.before.p >= level:
         return found
     labels = {b.label: k for k, b in enumerate(result.problem.blocks)}
-    for row in sorted(result.before.rows, key=lambda r: r["p"]):
-        k = labels[row["block"]]
-        here = result.problem.blocks[k].channel == row["channel"]
-        if row["channel"] in channels and here.sum() >= CURVE:
+    for row in sorted(result.before.rows, key=lambda r: r.p):
+        k = labels[row.block]
+        here = result.problem.blocks[k].channel == row.channel
+        if row.channel in channels and here.sum() >= CURVE:
             size = np.bincount(result.problem.blocks[k].axis, np.where(here, result.before.rest[k] ** 2, 0.0))
-            return [Shown(-1, row["channel"], k, int(size.argmax()))]
+            return [outcome.Shown(-1, row.channel, row.block, int(size.argmax()))]
     return []
 
 
 def variables(
-    result: Result, places: Sequence[Shown], reading_of: Callable, without: Sequence, contiguous: bool = False
+    result: Result, places: Sequence[outcome.Shown], reading_of: Callable, without: Sequence, contiguous: bool = False
 ) -> dict[str, np.ndarray]:
     """Variables of the product by channel for what is shown, one finding after the other, less the mean measured.
 
@@ -608,10 +529,11 @@ def variables(
     """
     made: dict[str, list[np.ndarray]] = {}
     observed = [block.observed for block in result.problem.blocks]
+    labels = {block.label: k for k, block in enumerate(result.problem.blocks)}
     for one in places:
         parts = observed, without[one.finding] if without else result.before.rest, result.after.rest
-        rows = np.stack([np.concatenate(p if contiguous else [p[one.block]]) for p in parts], axis=1)
-        time, model, (rest, before, after) = reading_of(one.channel, one.block, rows)
+        rows = np.stack([np.concatenate(p if contiguous else [p[labels[one.block]]]) for p in parts], axis=1)
+        time, model, (rest, before, after) = reading_of(one.channel, labels[one.block], rows)
         measured = model + rest
         measured -= np.nanmean(measured, axis=0)
         after = after if without else np.full_like(after, np.nan)

@@ -15,6 +15,7 @@ from gravcal.discovery import attribution, rounds, scan, trials
 from gravcal.discovery.problem import Problem, baseline_of, extended, inverse_of_baseline, prepare
 from gravcal.discovery.rounds import Choice
 from gravcal.estimation import chi2_tail
+from gravcal.estimation.outcome import Limit
 from gravcal.estimation.records import Candidate, Observations, slug_of
 
 RATIOS = np.geomspace(3.0, 60.0, 25)  # signal-to-noise ratios that are injected
@@ -24,13 +25,11 @@ LARGEST_SET = 3  # causes that are tied, for a name to count
 GONE = 1e-9  # of the noise, below which a row is described by a column of its own
 
 
-def detection_limits(observed: Observations, left: list, choice: Choice, say: Callable = lambda _: None) -> list:
+def detection_limits(observed: Observations, left: list, choice: Choice, say: Callable = lambda _: None) -> list[Limit]:
     """What this event would have shown of each effect of the catalogue, the least size of each cause and parameter.
 
-    `left` (n, 1 + q) of each block is what the search left of its rows, and the columns of what it found. Rows are
-    {"cause", "form", "parameter", "unit", "size", "prior", "signal_to_noise", "confirmed", "alone_from",
-    "confused_with", "bias": [p] in the reported unit, "bias_in_sigma"}; size and ratio are None where it would not be
-    named at any ratio up to 60, or not be seen at all: the bias is then that of the plausible size.
+    `left` (n, 1 + q) of each block is what the search left of its rows, and the columns of what it found. Size and
+    ratio are None where it would not be named at any ratio up to 60, or not be seen at all.
     """
     blocks, rng = [], np.random.default_rng(len(observed.candidates))
     for block, part in zip(
@@ -49,13 +48,13 @@ def detection_limits(observed: Observations, left: list, choice: Choice, say: Ca
     every = {c: [(k, i) for k in rows for i in range(len(problem.candidates[k].names))] for c, rows in some.items()}
     for number, (cause, parts) in enumerate(every.items(), start=1):
         rows = [_row(scored, index, column, observed.scale) for index, column in parts]
-        best = min((one for one in rows if one["size"] is not None), key=lambda one: one["relative"], default=None)
-        if best is not None:
-            best |= _confirmed(problem, choice, best, observed.candidates)
+        relative = [_relative(one) for one in rows]
+        best = int(np.argmin(relative)) if rows else 0
+        if rows and rows[best].size is not None:
+            rows[best] = _confirmed(problem, choice, rows[best], parts[best], observed.candidates)
         say(f"limits: {number} of {len(every)}, {cause}")
-        rows.sort(key=lambda one: (one["size"] is not None, -one["relative"]))
-        least = {one["parameter"]: one for one in rows}.values()  # the form named from the least size, or none
-        found += [{n: v for n, v in one.items() if n not in ("relative", "at")} for one in least]
+        order = sorted(range(len(rows)), key=lambda k: (rows[k].size is not None, -relative[k]))
+        found += {rows[k].parameter: rows[k] for k in order}.values()  # the form named from the least size, or none
     return found
 
 
@@ -142,26 +141,28 @@ def _row(scored, index, column, scale):
     """Limit of one parameter of a candidate as it is scored."""
     candidate, place = scored.problem.candidates[index], scored.problem.places[index].start + column
     prior = candidate.prior[column] if candidate.prior else None
-    row = {"cause": slug_of(candidate.cause), "form": candidate.form, "parameter": candidate.names[column]}
-    row |= {"unit": candidate.units[column], "prior": prior, "size": None, "signal_to_noise": None, "confirmed": None}
-    row |= {"alone_from": None, "confused_with": [], "bias": None, "bias_in_sigma": None, "relative": np.inf}
-    found = scored.named(row["cause"], place)
+    cause, bias, bias_in_sigma = slug_of(candidate.cause), None, None
+    found = scored.named(cause, place)
     right, sets, unit = found if found else (np.zeros((2, RATIOS.size), dtype=bool), [[set()] * RATIOS.size] * 2, None)
     at = max(_from(each) for each in right)
-    single = [[r and s == {row["cause"]} for r, s in zip(*one, strict=True)] for one in zip(right, sets, strict=True)]
+    single = [[r and s == {cause} for r, s in zip(*one, strict=True)] for one in zip(right, sets, strict=True)]
     alone = max(_from(np.array(each)) for each in single)
     near = slice(max(min(at, RATIOS.size) - 2, 0), min(at, RATIOS.size) + 1)
-    row["confused_with"] = sorted({c for one in sets for some in one[near] for c in some} - {row["cause"]})
-    row["alone_from"] = float(RATIOS[alone] * unit) if alone < RATIOS.size else None
+    confused = sorted({c for one in sets for some in one[near] for c in some} - {cause})
+    size, ratio = (float(RATIOS[at] * unit), float(RATIOS[at])) if at < RATIOS.size else (None, None)
+    least = float(RATIOS[alone] * unit) if alone < RATIOS.size else None
     missed = RATIOS[max(min(at, RATIOS.size) - 1, 0)] * unit if found else prior
     if missed is not None:
         shift = scored.shift[: scale.size, place] * missed
         precision = np.linalg.pinv(scored.covariance[: scale.size, : scale.size], hermitian=True)
-        row |= {"bias": (scale * shift).tolist(), "bias_in_sigma": float(np.sqrt(max(shift @ precision @ shift, 0.0)))}
-    if at < RATIOS.size:
-        size = float(RATIOS[at] * unit)
-        row |= {"size": size, "signal_to_noise": float(RATIOS[at]), "relative": size / prior if prior else RATIOS[at]}
-    return row | {"at": (index, column)}
+        bias, bias_in_sigma = (scale * shift).tolist(), float(np.sqrt(max(shift @ precision @ shift, 0.0)))
+    words = cause, candidate.form, candidate.names[column], candidate.units[column]
+    return Limit(*words, prior, size, ratio, None, least, confused, bias, bias_in_sigma)
+
+
+def _relative(row):
+    """Size of a limit over the plausible one, the signal-to-noise ratio without such, infinite where it has none."""
+    return np.inf if row.size is None else row.size / row.prior if row.prior else row.signal_to_noise
 
 
 def _from(right):
@@ -170,16 +171,17 @@ def _from(right):
     return int(wrong[-1] + 1) if wrong.size else 0
 
 
-def _confirmed(problem, choice, row, candidates):
-    """What the search itself says at the limit and above it: the size at which it names the effect."""
-    index, column = row["at"]
+def _confirmed(problem, choice, row, at, candidates):
+    """Limit as the search itself has it, at that of the scores and above: the size at which it names the effect."""
+    (index, column), confused = at, {*row.confused_with}
     for factor in LONGER:
-        size = factor * row["size"]
+        size = factor * row.size
         parts = zip(problem.blocks, problem.candidates[index].columns, strict=True)
         blocks = [b if c is None else replace(b, observed=b.observed + size * c[:, column]) for b, c in parts]
         again = replace(prepare(blocks, candidates), memory=problem.memory)
         named = rounds.names(again, choice)
-        if any(row["cause"] in one and len(one) <= LARGEST_SET for one in named):
-            return {"confirmed": True, "size": size, "signal_to_noise": factor * row["signal_to_noise"]}
-        row["confused_with"] = sorted({*row["confused_with"], *(c for one in named for c in one)} - {row["cause"]})
-    return {"confirmed": False}
+        if any(row.cause in one and len(one) <= LARGEST_SET for one in named):
+            at = {"size": size, "signal_to_noise": factor * row.signal_to_noise}
+            return replace(row, confirmed=True, confused_with=sorted(confused), **at)
+        confused |= {c for one in named for c in one} - {row.cause}
+    return replace(row, confirmed=False, confused_with=sorted(confused))

@@ -10,7 +10,7 @@ from gravcal.discovery.attribution import ROUNDING, UNSEEN
 from gravcal.discovery.problem import baseline_of, inverse_of, inverse_of_baseline
 from gravcal.discovery.rounds import Choice, Result
 from gravcal.estimation import chi2_tail
-from gravcal.estimation.records import slug_of
+from gravcal.estimation.records import Parameter, slug_of
 
 CLEAR = 5.0  # sigma from which a direction is believed against its prior
 UNLIKELY = 12.0  # less of twice the logarithm of the evidence than the best form: a weight of a quarter of a percent
@@ -98,7 +98,7 @@ def _averaged(result, used):
     value = fitted.copy()
     for position, one in enumerate(itertools.compress(result.findings, used)):
         others = [*named[:position], *named[position + 1 :]]
-        causes, forms = {one.cause, *one.tied}, {(own["cause"], own["form"]) for own in one.imitators}
+        causes, forms = {one.cause, *one.tied}, {(own.cause, own.form) for own in one.imitators}
         alike = {k for k, c in enumerate(problem.candidates) if c.cause in causes or (c.cause, c.form) in forms}
         tried = {named[position]} | (alike - {*others})  # forms of it and of listed causes tied with it, imitators
         mean, spread = _over_forms(problem, others, tried, (named[position], fitted))
@@ -227,8 +227,8 @@ def _directions(problem, gram, place, prior):
     return known, vectors, known > ROUNDING * np.einsum("qk,qr,rk->k", vectors, whole, vectors)
 
 
-def named_parameters(result: Result, position: int) -> dict:
-    """Parameters {name: {"value", "sigma", "unit", "correlation"}} of a finding, for the model, in the form named.
+def named_parameters(result: Result, position: int) -> dict[str, Parameter]:
+    """Parameters of a finding by name, for the model, in the form named.
 
     Directions that stay below five sigma and of which the data know less than the catalogue, such as a leak that looks
     like an offset, are held by their prior: they would carry many times what is plausible into the records.
@@ -244,10 +244,11 @@ def named_parameters(result: Result, position: int) -> dict:
     covariance = covariance if entry.spread is None else covariance + entry.spread
     sigma = np.sqrt(np.diag(covariance))
     rows = zip(entry.names, value.tolist(), sigma.tolist(), entry.units, found.determined, strict=True)
-    named = {n: {"value": v if d else np.nan, "sigma": s if d else np.nan, "unit": u} for n, v, s, u, d in rows}
+    named = {n: Parameter(v if d else np.nan, s if d else np.nan, u) for n, v, s, u, d in rows}
     if len(named) > 1 and found.determined.all():
-        for (name, parameter), row in zip(named.items(), covariance / np.outer(sigma, sigma), strict=True):
-            parameter["correlation"] = {n: round(r, 6) for n, r in zip(named, row.tolist(), strict=True) if n != name}
+        for name, row in zip(entry.names, covariance / np.outer(sigma, sigma), strict=True):
+            related = {n: round(r, 6) for n, r in zip(named, row.tolist(), strict=True) if n != name}
+            named[name] = replace(named[name], correlation=related)
     return named
 
 

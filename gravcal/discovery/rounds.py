@@ -3,7 +3,7 @@
 A second look gives one name a cause, one value for all blocks, and nothing listed where too much is left.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -19,6 +19,7 @@ from gravcal.discovery.problem import (
     prepare,
 )
 from gravcal.estimation import chi2_tail
+from gravcal.estimation.outcome import Imitator, Outlier, Separation
 from gravcal.estimation.records import Block, Candidate, Shape, epoch_of, slug_of
 
 
@@ -71,8 +72,8 @@ class Finding:
     kind: str  #: "manoeuvres" or "blocks"
     at: float = np.nan  #: epoch s or frequency Hz of a step or a line
     at_sigma: float = np.nan
-    separation: list = field(default_factory=list)  #: of `attribution.separation`, for each tied cause
-    imitators: list = field(default_factory=list)  #: {"cause", "form", "expected_chi2"} of drivers that fit as well
+    separation: Sequence[Separation] = ()  #: from each tied cause
+    imitators: Sequence[Imitator] = ()  #: drivers that fit as well
 
 
 @dataclass(frozen=True)
@@ -90,7 +91,7 @@ class Result:
     baseline: np.ndarray  #: (p,) indices of columns of the extended model
     first: list[trials.Trial]  #: list of Trial of the first round, best first
     adopted: list[bool] = field(default_factory=list)  #: whether each finding is in the calibration that is delivered
-    outliers: list[dict] = field(default_factory=list)  #: of `adequacy.without_outliers`, left out before the search
+    outliers: Sequence[Outlier] = ()  #: left out before the search
     #: {cause not named: (p,) what its directions that the data do not see add to the error after, rms}
     unseen: dict[str, np.ndarray] = field(default_factory=dict)
 
@@ -272,7 +273,7 @@ def _finding(problem, chosen, position, choice):
     alike = _as_good(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
     alike = {n: one for n, one in alike.items() if not _needless(problem, others, index, one[1], choice)} | near
     rows = [(expected, problem.candidates[k]) for expected, k in sorted(alike.values())]
-    drivers = [{"cause": c.cause, "form": c.form, "expected_chi2": max(float(e), 0.0)} for e, c in rows if not c.listed]
+    drivers = [Imitator(c.cause, c.form, max(float(e), 0.0)) for e, c in rows if not c.listed]
     words |= {"kind": kind, "separation": apart, "imitators": drivers}
     where = trial if np.isfinite(trial.at) else candidate  # that was made of the trial that located it
     return Finding(**words, **numbers, value=value, sigma=sigma, index=index, at=where.at, at_sigma=where.at_sigma)

@@ -1,8 +1,11 @@
 """Numbers of a result as a table of quantities, which a product holds as variables: no text in an attribute to parse.
 
 A quantity is named by its place in the result, a JSON pointer (RFC 6901) such as "/findings/0/parameters/delay/value".
+A record is a frozen dataclass; a field that has its default is left out.
 """
 
+import functools
+import json
 import math
 from collections.abc import Iterator, Mapping
 from typing import Any
@@ -16,16 +19,35 @@ SCHEMA = {
     "quantity_value": {"dims": "quantity", "units": "1", "long_name": "number, in the unit that the result states"},
     "quantity_text": {"dims": "quantity", "dtype": "str", "long_name": "text"},
 }
+#: How records are dumped.
+AS_TABLES = {"exclude_defaults": True, "warnings": False}
 
 
-def tabled(found: Any, result: Mapping) -> Any:
-    """Dataset (xarray) with the table of a result: numbers, texts, truths, lists and tables of them; NaN is nothing."""
-    columns = zip(*_rows("", result), strict=True)
+def tabled(found: Any, result: Any) -> Any:
+    """Dataset (xarray) with the table of a result, a record or numbers, texts, lists and tables; NaN is nothing."""
+    columns = zip(*_rows("", _adapter(type(result)).dump_python(result, **AS_TABLES)), strict=True)
     made = {}
     for (name, stated), values in zip(SCHEMA.items(), columns, strict=True):
         labels = {label: stated[label] for label in ("units", "long_name") if label in stated}
         made[name] = "quantity", np.array(values, dtype=object if "dtype" in stated else float), labels
     return found.drop_dims("quantity", errors="ignore").assign(made)
+
+
+@functools.cache
+def _adapter(kind):
+    from pydantic import TypeAdapter  # as long to import as a run that finds everything takes
+
+    return TypeAdapter(kind)
+
+
+def plain(record: Any) -> dict:
+    """Tables of a record, in the order of their names."""
+    return json.loads(json.dumps(_adapter(type(record)).dump_python(record, **AS_TABLES), sort_keys=True))
+
+
+def record_of(kind: Any, tables: Any) -> Any:
+    """Record of a kind, or several, of tables as `result_of` gives them."""
+    return _adapter(kind).validate_python(tables)
 
 
 def _rows(place: str, value) -> Iterator[tuple[str, str, float, str]]:

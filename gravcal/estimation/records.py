@@ -8,6 +8,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
+from gravcal.estimation import quantities
+
 
 @dataclass(frozen=True)
 class Block:
@@ -137,8 +139,8 @@ class Parameter:
     """A parameter of an effect: value, sigma (None where it is not known), unit, correlation {other name: 1}."""
 
     value: float | None
-    sigma: float | None = None
-    unit: str = ""
+    sigma: float | None
+    unit: str
     correlation: Mapping[str, float] = field(default_factory=dict)
 
 
@@ -187,20 +189,10 @@ class Entry:
 
 
 def entries(model: Sequence[Mapping]) -> list[Entry]:
-    """Entries of a model as a document or a model file has it: {"cause", "form", "parameters", "waves", "leads"} each.
-
-    "model" goes before "parameters", where a cause was named by a few of its parameters.
-    """
-    made = []
-    for one in (one for one in model if one.get("model", one["parameters"])):
-        parameters = {}
-        for name, known in one.get("model", one["parameters"]).items():
-            row = known.get("sigma"), known.get("unit", ""), known.get("correlation", {})
-            parameters[name] = Parameter(known["value"], *row)
-        waves = tuple(Wave(w["start"], w["channel"], w.get("x"), w.get("y"), w.get("z")) for w in one.get("waves", ()))
-        leads = tuple(Lead(each["start"], each["lead"]) for each in one.get("leads", ()))
-        made.append(Entry(one["cause"], one.get("form", ""), parameters, waves, leads))
-    return made
+    """Entries of a model as a model file has it: {"cause", "form", "parameters", "waves", "leads"} each."""
+    known = {"sigma": None, "unit": ""}
+    rows = [one | {"parameters": {n: known | p for n, p in one["parameters"].items()}} for one in model]
+    return [entry for entry in quantities.record_of(list[Entry], rows) if entry.parameters]
 
 
 @dataclass(frozen=True)
@@ -211,18 +203,6 @@ class LineSearch:
     axis: int
     cause: str
     unit: str
-
-
-@dataclass(frozen=True)
-class Bias:
-    """What a parameter of an effect, at its plausible size, does to a result that the parameters are not."""
-
-    cause: str  #: slug
-    parameter: str  #: name
-    prior: float  #: plausible size
-    name: str  #: field of the document, such as "drag_bias_m_s2"
-    rms: np.ndarray  #: (3,) of the result
-    in_sigma: float  #: over the error of the result
 
 
 @dataclass(frozen=True)
@@ -328,10 +308,10 @@ class Observations(Protocol):
         """True if the search is repeated in records without these causes, which gained so much chi-square."""
         return bool(gains)
 
-    def weighed(self) -> list[dict]:
-        """Evidence of the causes where few numbers stand for many: {"cause", "form", "log_odds"}, the best first."""
+    def weighed(self) -> list:
+        """Evidence of the causes where few numbers stand for many, `outcome.Weighed`, the best first."""
         return []
 
-    def biased(self) -> list[Bias]:
-        """Effects that move a result of the calibration beside its parameters."""
+    def biased(self) -> list:
+        """Effects that move the drag beside the parameters, as `outcome.Unobservable` but for what the data show."""
         return []

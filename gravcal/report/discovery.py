@@ -1,7 +1,8 @@
 """What a discovery delivers: the result document, its verdict in words, the page, and the extended model as a file."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -10,16 +11,17 @@ import xarray as xr
 
 from gravcal import toml
 from gravcal.calibrations.checks import at_most
-from gravcal.estimation.quantities import result_of
+from gravcal.estimation.outcome import Gain, NamedCause, Outcome, Shown, outcome_of
+from gravcal.estimation.quantities import plain as tables_of
 from gravcal.estimation.records import Reported
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages, plain
 from gravcal.report.figures import bars, grid, thinned
 from gravcal.report.pages import Figure, Section, Table
-from gravcal.report.plain import NOT_DETERMINED, decimals, gps_text, probability, signed
+from gravcal.report.plain import NOT_DETERMINED, decimals, probability, signed
 from gravcal.store.results import units
 
-WORDS = pages.words(__file__, "discovery.toml", cause=words.title)
+WORDS = pages.words(__file__, "discovery.toml", cause=words.title, units=units)
 WIDE = 3.0  # sigma of a result that contradicts nothing
 STYLES = WORDS.styles
 LINES, NOISE = STYLES["lines"], STYLES["noise"]
@@ -38,159 +40,151 @@ def report(
     There are the discovery and, if the calibration has such, its combined results before and after; `reported` says
     what the calibration tells of its result and readings.
     """
-    document, numbers = judged(
+    document, outcome = judged(
         found, *combined, calibration=calibration, event=event, settings=settings, reported=reported
     )
     files = {"discovery.json": documents.text(document)}
-    if numbers.get("findings") and "model" in settings:  # a calibration that takes one
-        change, added = numbers["calibration_change"], None
-        spread = change["covariance_of_findings"]
+    if outcome and outcome.findings and "model" in settings:  # a calibration that takes one
+        change, added = outcome.calibration_change, None
+        spread = change.covariance_of_findings
         if combined and not settings["model"] and np.all(np.isfinite(np.array(spread, dtype=float))):
-            row = {"calibration": calibration, "records": found.attrs["records"], "unit": change["unit"]}
-            added = row | {"correction": change["correction"], "covariance": spread}
-        extended = model_text(numbers, event, settings["model"], added)
+            row = {"calibration": calibration, "records": found.attrs["records"], "unit": change.unit}
+            added = row | {"correction": change.correction, "covariance": spread}
+        extended = model_text(outcome.findings, event, settings["model"], added)
         files |= {"model.toml": extended} if extended else {}
     files["discovery.html"] = pages.page(
         document,
-        sections(found, document, reported) if "findings" in document else [],
+        sections(found, outcome, reported) if outcome else [],
         {"discovery": found},
         heading="What the model gets wrong",
-        subtitle=f"satellite {satellite}, level {document.get('level', '')} for everything tried together",
+        subtitle=f"satellite {satellite}, level {outcome.level if outcome else ''} for everything tried together",
     )
     said = {f"p_{w}": f"probability of the {n} by chance" for w, n in zip(("before", "after"), LINES, strict=True)}
-    kept = {name: ((), numbers.get(name, 1.0), {"units": "1", "long_name": text}) for name, text in said.items()}
+    kept = {name: ((), getattr(outcome, name, 1.0), {"units": "1", "long_name": text}) for name, text in said.items()}
     return xr.Dataset(kept, attrs={"status": document["status"], "event": event}), files
 
 
 def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, settings: dict, reported) -> tuple:
-    """Result document of a discovery, judged and valid, and the numbers in it; arguments as of `report`.
+    """Result document of a discovery, judged and valid, and the outcome in it or None; arguments as of `report`.
 
     The change of the result is that which the calibration itself finds, where it does; where the result is known
     beforehand it is compared, and its error may be wider than that.
     """
-    numbers = result_of(found)
-    numbers.pop("readings", None)
-    status, expected, checks = numbers.pop("status", "delivered"), numbers.pop("expected", {}), []
-    change = numbers.get("calibration_change")
-    if combined and change:
-        extra = np.array(change["covariance_of_findings"], dtype=float)
-        (name, old, covariance), (_, new, other) = (reported.result(one) for one in combined)
-        new = new + np.array(change["correction"], dtype=float)
-        sigma = [np.sqrt(np.diag(c)) for c in (covariance, other + extra)]
-        own = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1]}
-        own |= {"change": new - old, "change_in_old_sigma": (new - old) / sigma[0]}
-        change = numbers["calibration_change"] = change | {"variant": name, "joint_fit": change} | plain.as_plain(own)
-    values = [change["names"], units(change), change["after"], change["sigma_after"]] if expected and change else []
-    for name, unit, value, sigma in zip(*values, strict=True):
-        if name in expected and value is not None and sigma is not None:
-            known, limit = expected[name]
-            checks.append(at_most(f"{name} against the catalogue", abs(value - known), max(limit, WIDE * sigma), unit))
-    body = {"status": status, "kind": "discovery", "verdict": {"text": words.verdict(numbers)}} | numbers
+    outcome, body, checks = outcome_of(found), {}, []
+    if outcome:
+        joint = change = outcome.calibration_change
+        if combined:
+            (name, old, covariance), (_, new, other) = (reported.result(one) for one in combined)
+            new = new + np.array(joint.correction, dtype=float)
+            spread = covariance, other + np.array(joint.covariance_of_findings, dtype=float)
+            sigma = [np.sqrt(np.diag(c)) for c in spread]
+            own = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1]}
+            own |= {"change": new - old, "change_in_old_sigma": (new - old) / sigma[0]}
+            change = replace(joint, variant=name, **plain.as_plain(own))
+        rows = change.names, units(change.unit, change.names), change.after, change.sigma_after
+        for name, unit, value, sigma in zip(*rows, strict=True):
+            if name in outcome.expected and value is not None and sigma is not None:
+                known, limit = outcome.expected[name]
+                off = abs(value - known), max(limit, WIDE * sigma)
+                checks.append(at_most(f"{name} against the catalogue", *off, unit))
+        outcome = replace(outcome, calibration_change=change)
+        body = {name: one for name, one in tables_of(outcome).items() if name not in ("readings", "expected")}
+        body["calibration_change"] |= {"joint_fit": tables_of(joint)} if combined else {}
+    body = {
+        "status": "delivered" if outcome else "no_manoeuvre",
+        "kind": "discovery",
+        "verdict": {"text": words.verdict(outcome)},
+    } | body
     about = {"event": event, "settings": settings}
-    return documents.delivered(calibration, body, {"discovery": found}, checks, **about), numbers
+    return documents.delivered(calibration, body, {"discovery": found}, checks, **about), outcome
 
 
-def sections(found: xr.Dataset, document: dict, reported: Reported) -> list[Section]:
+def sections(found: xr.Dataset, outcome: Outcome, reported: Reported) -> list[Section]:
     """Sections of the page that hold something."""
     here = [
         Figure(partial(reading, number=k), ("discovery",), caption(found, k, reported.readings))
-        for k in range(len(document["findings"])) or (-1,)  # of the least likely band
+        for k in range(len(outcome.findings)) or (-1,)  # of the least likely band
     ]
-    causes = [findings_table(document), tied_table(document), WORDS.table("weighed", document)]
+    numbers = vars(outcome)
+    causes = [findings_table(outcome.findings), tied_table(outcome.findings), WORDS.table("weighed", numbers)]
     cause = Section("The cause", causes, notes=[WORDS.note("cause")])
-    hidden = [unobservable_table(document), WORDS.table("limits", document)]
+    hidden = [unobservable_table(outcome), WORDS.table("limits", numbers)]
     wrong = [f"{WORDS.note('wrong')} {reported.note}".strip()]
     return [
         *([Section("What was found", figures=here)] if any(one.caption for one in here) else []),
-        *([cause] if document["findings"] else []),
-        Section("The result", [change_table(document), gain_table(document)], notes=[WORDS.note("gain")]),
-        Section("What this event could not have shown", hidden, notes=WORDS.said("not_shown", **document)),
-        Section("What is left", [WORDS.table("outliers", document)], [_power, _spectra], wrong),
-        Section("What was tried", [WORDS.table("tried", document)]),
+        *([cause] if outcome.findings else []),
+        Section("The result", [WORDS.table("change", numbers), gain_table(outcome.gain)], notes=[WORDS.note("gain")]),
+        Section("What this event could not have shown", hidden, notes=WORDS.said("not_shown", **numbers)),
+        Section("What is left", [WORDS.table("outliers", numbers)], [_power, _spectra], wrong),
+        Section("What was tried", [WORDS.table("tried", numbers)]),
     ]
 
 
-def findings_table(numbers: dict) -> Table:
+def findings_table(findings: Sequence[NamedCause]) -> Table:
     """Every finding with its parameters, its significance and what it gained on data left out."""
     rows = []
-    for one in numbers["findings"]:
-        held = f"{one['heldout_gain']['chi2']:.0f} ({one['heldout']})"
-        gained = f"{one['heldout_gain']['in_sample_chi2']:.0f}", held, probability(one["significance"])
-        rows.append([words.title(one["cause"]), one["form"] or "all parameters", *gained, "", ""])
-        rows += parameter_rows(one["parameters"])
+    for one in findings:
+        held = f"{one.heldout_gain.chi2:.0f} ({one.heldout})"
+        gained = f"{one.heldout_gain.in_sample_chi2:.0f}", held, probability(one.significance)
+        rows.append([words.title(one.cause), one.form or "all parameters", *gained, "", ""])
+        rows += parameter_rows((name, p.value, p.sigma, p.unit) for name, p in one.parameters.items())
     return WORDS.table("findings", rows)
 
 
-def parameter_rows(parameters: dict, of: str = "") -> list[list]:
-    """Rows of the parameters of a cause that are determined, below its own."""
-    known = {name: one for name, one in parameters.items() if one["value"] is not None}
-    return [
-        [None, f"{name}{of}", "", "", "", *plain.measured(one["value"], one["sigma"], one["unit"])]
-        for name, one in known.items()
-    ]
+def parameter_rows(parameters: Iterable[tuple]) -> list[list]:
+    """Rows of the parameters (name, value, sigma, unit) of a cause that are determined, below its own."""
+    return [[None, name, "", "", "", *plain.measured(*one)] for name, *one in parameters if one[0] is not None]
 
 
-def tied_table(numbers: dict) -> Table:
+def tied_table(findings: Sequence[NamedCause]) -> Table:
     """Causes that this data cannot tell apart, and what would."""
     rows = []
-    for one in numbers["findings"]:
-        for other in [*one["separation"], *one.get("imitators", [])]:
-            needed = other.get("events_needed")
-            more = "no such data would" if needed is None else f"{needed} events like this one"
-            form = f": {other['form']}" if "events_needed" not in other else ""
-            pair = words.title(one["cause"]), f"{words.title(other['cause'])}{form}"
-            best = other.get("best_block") or NOT_DETERMINED
-            rows.append([*pair, f"{other['expected_chi2']:.1f}", best, "" if form else more])
+    for one in findings:
+        for other in one.separation:
+            more = f"{other.events_needed} events like this one" if other.events_needed else "no such data would"
+            told = f"{other.expected_chi2:.1f}", other.best_block or NOT_DETERMINED, more
+            rows.append([words.title(one.cause), words.title(other.cause), *told])
+        for other in one.imitators:
+            told = f"{words.title(other.cause)}: {other.form}", f"{other.expected_chi2:.1f}", NOT_DETERMINED, ""
+            rows.append([words.title(one.cause), *told])
     return WORDS.table("tied", rows)
 
 
-def change_table(numbers: dict) -> Table:
-    """Calibration before and after the extension."""
-    one = numbers["calibration_change"]
-    moving = f" What moves is given at {gps_text(one['epoch'])}." if "epoch" in one else ""
-    return WORDS.table("change", numbers, units=units(one), moving=moving)
-
-
-def gain_table(numbers: dict) -> Table:
+def gain_table(gain: Gain) -> Table:
     """Residual of each channel and chi-square before and after."""
-    gain = numbers["gain"]
-    rows = [
-        [name, f"{before:.3f}", f"{gain['rms_after'][name]:.3f}"]
-        for name, before in gain["rms_before"].items()
-        if before is not None
-    ]
-    pair = [f"{gain[f'chi2_{w}']:.0f} / {gain[f'dof_{w}']}" for w in ("before", "after")]
+    rms = [(name, one, gain.rms_after[name]) for name, one in gain.rms_before.items() if one is not None]
+    rows = [[name, f"{before:.3f}", f"{after:.3f}"] for name, before, after in rms]
+    pair = f"{gain.chi2_before:.0f} / {gain.dof_before}", f"{gain.chi2_after:.0f} / {gain.dof_after}"
     rows.append(["chi-square / degrees of freedom", *pair])
-    rows.append(["held-out chi-square gained", "", f"{gain['heldout_chi2']:.0f}"])
-    rows.append(["change of BIC, negative is better", "", signed(gain["bic_change"], 0)])
+    rows.append(["held-out chi-square gained", "", f"{gain.heldout_chi2:.0f}"])
+    rows.append(["change of BIC, negative is better", "", signed(gain.bic_change, 0)])
     return WORDS.table("gain", rows)
 
 
-def unobservable_table(numbers: dict) -> Table:
+def unobservable_table(outcome: Outcome) -> Table:
     """Causes that look like the calibration itself."""
-    rows, change = [], numbers["calibration_change"]
-    about = list(zip(change["names"], change["sigma_before"], units(change), strict=True))
-    for one in sorted(numbers["indistinguishable_from_calibration"], key=lambda r: -r["bias_in_sigma"])[:12]:
-        where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one["direction"].items())
-        drag = one.get("drag_bias_m_s2")
-        priced = one.get("bias_in_error") or [None] * len(about)
-        each = zip(one["bias"], priced, about, strict=True)
+    rows, change = [], outcome.calibration_change
+    about = list(zip(change.names, change.sigma_before, units(change.unit, change.names), strict=True))
+    for one in sorted(outcome.indistinguishable_from_calibration, key=lambda r: -r.bias_in_sigma)[:12]:
+        where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one.direction.items())
+        drag, priced = one.drag_bias_m_s2, one.bias_in_error or [None] * len(about)
+        each = zip(one.bias, priced, about, strict=True)
         each = sorted(each, key=lambda row: -abs(row[0]) / (row[2][1] or np.inf))[:3]
         moved = ", ".join(f"{name} {signed(v, decimals(max(abs(v), 1e-3)))} {unit}" for v, _, (name, _, unit) in each)
         said = f"drag {plain.quantity(max(drag), None, 'm s-2')}" if drag else moved
         held = ", ".join(f"{v:.2g} {unit}" for _, v, (_, _, unit) in each if v is not None)
-        rows.append([words.title(one["cause"]), where, f"{one['signal_to_noise']:.1f}", said, held])
+        rows.append([words.title(one.cause), where, f"{one.signal_to_noise:.1f}", said, held])
     return WORDS.table("unobservable", rows)
 
 
-def model_text(numbers: dict, event: str, given: str = "", result: dict | None = None) -> str:
+def model_text(findings: Sequence[NamedCause], event: str, given: str = "", result: dict | None = None) -> str:
     """Extended model as TOML, as `--model` reads it; empty if no cause has a parameter that is determined.
 
     It also holds the entries of the model that the search began with (given, JSON text), and what the search adds to
     the result of the calibration. Without findings it is the model of a run, with the result that it came with.
     """
     effects = []
-    for one in [*json.loads(given or "[]"), *numbers["findings"]]:
+    for one in [*json.loads(given or "[]"), *map(tables_of, findings)]:
         known = {n: p for n, p in one.get("model", one["parameters"]).items() if p["value"] is not None}
         if known and one.get("adopted", True):
             parameters = {}
@@ -201,10 +195,10 @@ def model_text(numbers: dict, event: str, given: str = "", result: dict | None =
             leads = {name: one.get(name) or None for name in ("waves", "leads")}
             days = {name: one.get(name) for name in ("from", "to")}
             effects.append(effect | days | {"parameters": parameters} | leads)
-    if not numbers["findings"] and effects and (own := json.loads(given)[0].get("result")):
+    if not findings and effects and (own := json.loads(given)[0].get("result")):
         result = own | {"unit": "m"}
     model = {"event": event, "effect": effects, "result": result}
-    said = "Found by gravcal discover in" if numbers["findings"] else "Taken out of the records of"
+    said = "Found by gravcal discover in" if findings else "Taken out of the records of"
     note = f"{said} {event}; give it to gravcal run with --model."
     return toml.text(model, note) if effects else ""
 
@@ -275,16 +269,16 @@ def _spectrum(found, channel):
     return (np.arange(bins) + 0.5) / (2 * step * bins), np.mean(means, axis=0).T
 
 
-def shown(found, number: int) -> tuple[dict, np.ndarray, dict[str, np.ndarray]] | None:
+def shown(found, number: int) -> tuple[Shown, np.ndarray, dict[str, np.ndarray]] | None:
     """Place of a finding, epochs s from the first (n,), {side: (n,)} of its axis; None where it helps no reading."""
-    rows = result_of(found).get("readings", {"shown": ()})["shown"]
-    known = (one for one in rows if f"{one['channel']}_measured" in found)  # not that of a plugin
-    one = next((one for one in known if one["finding"] == number), None)
+    rows = outcome_of(found).readings.shown
+    known = (one for one in rows if f"{one.channel}_measured" in found)  # not that of a plugin
+    one = next((one for one in known if one.finding == number), None)
     if one is None:
         return None
-    channel = one["channel"]
+    channel = one.channel
     here = found[f"{channel}_finding"].values == number
-    axis = min(one["axis"], found[f"{channel}_measured"].shape[1] - 1)
+    axis = min(one.axis, found[f"{channel}_measured"].shape[1] - 1)
     time = found[f"{channel}_time"].values[here]
     return one, time - time[0], {side: found[f"{channel}_{side}"].values[here, axis] for side in SIDES}
 
@@ -298,12 +292,12 @@ def _kept(values, index):
 
 def fold(found, number: int) -> float | None:
     """Period s over which what a finding adds to its reading repeats: its own, or one of the manoeuvre; or None."""
-    view, known = shown(found, number), result_of(found)
-    if view is None or not 0 <= number < len(known["findings"]):
+    view, known = shown(found, number), outcome_of(found)
+    if view is None or not 0 <= number < len(known.findings):
         return None
     _, time, curves = view
-    own = known["findings"][number]["parameters"].get("frequency", {}).get("value")
-    periods = [*([1 / own] if own else []), *known["readings"]["periods"]]
+    own = known.findings[number].parameters.get("frequency")
+    periods = [*([1 / own.value] if own and own.value else []), *known.readings.periods]
     added = curves["extended"] - curves["simulated"]
     quick = {p: _quick(time, added, p) for p in periods if 3 * p < time[-1]}
     share = {p: _kept(v, _bins(time, p)) for p, v in quick.items() if np.nanvar(v) > SLOW * np.nanvar(added)}
@@ -339,10 +333,10 @@ def reading(found, number: int):
     models = [(curves["simulated"], STYLES["simulated"]), (curves["extended"], STYLES["extended"])]
     models = [model for model in models if np.isfinite(model[0]).any()]
     place, index = _places(time, models[-1][0] - (models[0][0] if len(models) > 1 else measured), period)
-    whole = found[f"{one['channel']}_measured"]
-    axis = f" {'xyz'[one['axis']]}" if whole.shape[1] > 1 else ""
+    whole = found[f"{one.channel}_measured"]
+    axis = f" {'xyz'[one.axis]}" if whole.shape[1] > 1 else ""
     rows = {
-        f"{one['channel']}{axis}": [*models, (measured, STYLES["measured"])],
+        f"{one.channel}{axis}": [*models, (measured, STYLES["measured"])],
         "difference": [(measured - values, style) for values, style in models],
     }
     along = "time from the first sample (s)" if period is None else "phase (s)"
@@ -380,6 +374,6 @@ def caption(found, number: int, readings_of: Mapping[str, str]) -> str:
         return ""
     what = f"Finding {number + 1}" if number >= 0 else "The least likely band"
     folded = f" Folded over {period:.4g} s, without what changes in longer times." if period else ""
-    own = readings_of.get(view[0]["channel"], " Its mean is left out.")
+    own = readings_of.get(view[0].channel, " Its mean is left out.")
     own += WORDS.note("rebuilt") if "rebuilt" in found.attrs else ""
-    return WORDS.note("reading", what=what, folded=folded, own=own, **view[0])
+    return WORDS.note("reading", what=what, folded=folded, own=own, **vars(view[0]))

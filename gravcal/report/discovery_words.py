@@ -3,6 +3,7 @@
 import re
 
 from gravcal import effects
+from gravcal.estimation.outcome import NamedCause, Outcome
 from gravcal.report import pages
 from gravcal.report.plain import decimals, gps_text, prefixed, probability, quantity, signed
 from gravcal.store.results import units
@@ -25,21 +26,21 @@ def _plain(words):
     return words.replace("_", " ").replace("*", " times ")
 
 
-def sentence(one: dict) -> str:
-    """What a finding of a result document says, with its numbers."""
-    if one["cause"] == "unknown:excess":
-        return f"Power beyond noise that follows nothing: {one['form'].removeprefix('excess in the ')}."
-    known = {n: p for n, p in one["parameters"].items() if p["value"] is not None}
-    if not one["in_catalogue"]:
-        return f"{_upper(title(one['cause']))}: {_law(one['form'], known)}."
-    listed = effects.catalogue().get(one["cause"])
+def sentence(one: NamedCause) -> str:
+    """What a finding says, with its numbers."""
+    if one.cause == "unknown:excess":
+        return f"Power beyond noise that follows nothing: {one.form.removeprefix('excess in the ')}."
+    known = {n: p for n, p in one.parameters.items() if p.value is not None}
+    if not one.in_catalogue:
+        return f"{_upper(title(one.cause))}: {_law(one.form, known)}."
+    listed = effects.catalogue().get(one.cause)
     law = [p.name for p in listed.parameters if p.neutral != 0 or p.name in ("time", "frequency")] if listed else []
     stated = _stated({n: p for n, p in known.items() if n not in law}) + [n for n in law if n in known]
-    said = [_phrase(one["cause"], name, known[name]) for name in stated]
+    said = [_phrase(one.cause, name, known[name]) for name in stated]
     more = len(known) - len(said)
-    tail = ", in every manoeuvre as long after its start" if one["form"].startswith("every manoeuvre") else ""
+    tail = ", in every manoeuvre as long after its start" if one.form.startswith("every manoeuvre") else ""
     tail += f"; {more} more in the table" if more else ""
-    return f"{_upper('; '.join(said) or 'no size is determined')} ({title(one['cause'])}{tail})."
+    return f"{_upper('; '.join(said) or 'no size is determined')} ({title(one.cause)}{tail})."
 
 
 def _upper(text):
@@ -48,14 +49,14 @@ def _upper(text):
 
 def _stated(known):
     """Names of the parameters that are clear of zero, the clearest first; the clearest where none is."""
-    size = {n: abs(p["value"]) / p["sigma"] if p["sigma"] else float("inf") for n, p in known.items()}
+    size = {n: abs(p.value) / p.sigma if p.sigma else float("inf") for n, p in known.items()}
     order = sorted(size, key=size.get, reverse=True)
     return [n for n in order if size[n] > CLEAR][:STATED] or order[:1]
 
 
 def _phrase(cause, name, parameter):
     """A parameter of a listed effect with its number, in the words of the catalogue."""
-    value, sigma = parameter["value"], parameter["sigma"]
+    value, sigma = parameter.value, parameter.sigma
     listed = effects.catalogue().get(cause)
     meaning = next((p.meaning for p in listed.parameters if p.name == name), "") if listed else ""
     if name == "time":
@@ -64,7 +65,7 @@ def _phrase(cause, name, parameter):
         more = "larger" if value > 0 else "smaller"
         said = quantity(abs(value), sigma, "1")
         return f"{meaning.removeprefix('relative excess of ')} is {said} {more} than the catalogue says"
-    text = quantity(value, sigma, parameter["unit"])
+    text = quantity(value, sigma, parameter.unit)
     if meaning.endswith((" by", " at")):
         return f"{meaning} {text}"
     return f"{meaning} by {text}" if " turned " in meaning else f"the {meaning or _plain(name)} is {text}"
@@ -85,10 +86,10 @@ def _law(form, known):
     symbols = symbols if symbols.startswith("A₀") else f"A {symbols}"
     rows = []
     for n in stated:  # such as "linear_y" or "linear_y_0", with number and axis as its subscript
-        parts, size = n.split("_"), quantity(sizes[n]["value"], sizes[n]["sigma"], sizes[n]["unit"])
+        parts, size = n.split("_"), quantity(sizes[n].value, sizes[n].sigma, sizes[n].unit)
         number = "".join("₀₁₂"[int(part)] for part in parts if part in ("0", "1", "2"))
         rows.append(f"A{number}{''.join(f'({part})' for part in parts if part in ('x', 'y', 'z'))} = {size}")
-    rows += [f"{SYMBOLS[n]} = {quantity(p['value'], p['sigma'], p['unit'])}" for n, p in known.items() if n in SYMBOLS]
+    rows += [f"{SYMBOLS[n]} = {quantity(p.value, p.sigma, p.unit)}" for n, p in known.items() if n in SYMBOLS]
     where = ", ".join([*wheres, *rows])
     return f"{f'{reading} follows ' if reading else ''}{words}; Δ{letter} = {symbols}, where {where}"
 
@@ -103,18 +104,18 @@ def _symbols(words):
     return words, "x", []
 
 
-def verdict(numbers: dict) -> str:
+def verdict(outcome: Outcome | None) -> str:
     """What was found, in sentences."""
-    return WORDS.note("verdict", quiet=QUIET, **numbers)
+    return WORDS.note("verdict", quiet=QUIET, **(vars(outcome) if outcome else {}))
 
 
 def _moves(change):
     """How far the result moves; nothing where there is none."""
-    if not change["names"]:
+    if not change.names:
         return ""
-    rows = zip(*(change[n] for n in ("names", "change", "after", "sigma_before", "sigma_after")), strict=True)
+    rows = change.names, change.change, change.after, change.sigma_before, change.sigma_after
     moved = []
-    for (name, step, value, before, after), unit in zip(rows, units(change), strict=True):
+    for name, step, value, before, after, unit in zip(*rows, units(change.unit, change.names), strict=True):
         if None not in (step, before, after) and abs(step) >= MOVED * before:
             factor = 1.0
             if unit.startswith("1e-6 "):

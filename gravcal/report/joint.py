@@ -334,7 +334,7 @@ def _cause_table(document):
         told = _scope(one["scope"]), f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""
         rows.append([words.title(one["cause"]), *told])
         for values in one["values"]:
-            rows += parameter_rows(values["parameters"], f", {values['of']}")
+            rows += parameter_rows((f"{n}, {values['of']}", *p.values()) for n, p in values["parameters"].items())
     return WORDS.table("causes", rows, tried=document["tried"])
 
 

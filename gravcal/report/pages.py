@@ -131,7 +131,7 @@ def _records(given):
     """Records of a mapping or sequence, see `Words.table`."""
     named = [{"key": key} for key in given] if isinstance(given, Mapping) else [{}] * len(given)
     values = given.values() if isinstance(given, Mapping) else given
-    entries = [dict(one) if isinstance(one, Mapping) else {"value": one} for one in values]
+    entries = [dict(one) if isinstance(one, Mapping) else getattr(one, "__dict__", {"value": one}) for one in values]
     return [{"k": k} | name | entry for k, (name, entry) in enumerate(zip(named, entries, strict=True))]
 
 

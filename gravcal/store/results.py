@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 AXES = "xyz"
@@ -62,16 +63,18 @@ def parameters(document):
             yield Value("", name.replace("_", " "), one["unit"], one["value"], one["sigma"], None)
 
 
-def units(change):
-    """Unit of each parameter of the change of a result, where they differ in the order of the names."""
-    found = change["unit"].split(", ")
-    return found if len(found) == len(change["names"]) else [change["unit"]] * len(change["names"])
+def units(unit: str, names: Sequence[str]) -> list[str]:
+    """Unit of each parameter of a result, where they differ in the order of the names."""
+    found = unit.split(", ")
+    return found if len(found) == len(names) else [unit] * len(names)
 
 
 def searched(document):
     """Parameters of a calibration after a search."""
     change = document.get("calibration_change") or {"names": (), "unit": "", "after": (), "sigma_after": ()}
-    for row in zip(change["names"], units(change), change["after"], change["sigma_after"], strict=True):
+    for row in zip(
+        change["names"], units(change["unit"], change["names"]), change["after"], change["sigma_after"], strict=True
+    ):
         yield Value("", *row, None)
 
 

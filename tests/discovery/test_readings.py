@@ -9,9 +9,10 @@ from numpy.testing import assert_allclose
 from flows import com_offset, discover
 from gravcal import catalog
 from gravcal.calibrations.com_offset.observations import observe
-from gravcal.discovery.driver import Shown, clearest, variables
+from gravcal.discovery.driver import clearest, variables
 from gravcal.discovery.rounds import Choice, search
 from gravcal.estimation.noise import whiten
+from gravcal.estimation.outcome import Shown
 from gravcal.estimation.records import Block, Candidate
 from tasks import stage
 
@@ -50,9 +51,9 @@ def test_what_a_finding_helps_most_is_shown_or_the_least_likely_band():
     found = result(2.0)
     without = [found.before.rest]  # there is one finding
     places = clearest(found, ("angular", "linear"), 0.005, without)
-    assert places == [Shown(0, "linear", 1, 0)]
+    assert places == [Shown(0, "linear", "block 1", 0)]
     (first,) = clearest(found, ("angular", "linear"), 0.005, without, [(True, False)])
-    assert (first.channel, first.block) == ("linear", 0)  # of what acts nowhere else
+    assert (first.channel, first.block) == ("linear", "block 0")  # of what acts nowhere else
     shown = variables(found, places, doubled, without)
     difference = {p: shown["linear_measured"] - shown[f"linear_{p}"] for p in PARTS[1:]}
     assert_allclose(difference["simulated"][:, 0], 2 * found.before.rest[1][120:], atol=1e-12)  # rounding
@@ -62,7 +63,7 @@ def test_what_a_finding_helps_most_is_shown_or_the_least_likely_band():
     found = result(2.0, listed=False)
     assert not found.findings
     places = clearest(found, ("angular", "linear"), 0.005, [])
-    assert places == [Shown(-1, "linear", 1, 0)]
+    assert places == [Shown(-1, "linear", "block 1", 0)]
     assert np.isnan(variables(found, places, doubled, [])["linear_extended"]).all()
     clean = result(0.0)
     assert clearest(clean, ("angular", "linear"), 1e-4, []) == []

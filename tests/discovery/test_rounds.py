@@ -14,13 +14,13 @@ from gravcal.discovery.model_average import _held, delivered, left_open
 from gravcal.discovery.problem import baseline_of, drawn_noise, prepare
 from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
-from gravcal.estimation.quantities import result_of
+from gravcal.estimation.outcome import outcome_of
 from gravcal.estimation.records import Block, Candidate, Observations, Shape, Wider
 from gravcal.report.discovery import WORDS, tied_table, unobservable_table
 from gravcal.report.discovery_words import verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
-OFFSET = SimpleNamespace(parameters=["offset"], unit="m", scale=np.ones(1), start=np.zeros(1))
+OFFSET = SimpleNamespace(parameters=["offset"], unit="m", scale=np.ones(1), start=np.zeros(1), expected={})
 
 
 def made(rng, signal=0.0):
@@ -85,12 +85,12 @@ def test_a_listed_cause_is_tied_with_what_no_list_holds_if_it_looks_the_same():
     result = search(blocks, [candidates[0], far, near], CHOICE, np.random.default_rng(1))
     (found,) = result.findings
     assert (found.cause, found.tied) == ("case.a", [])
-    assert [(one["cause"], one["form"]) for one in found.imitators] == [("unknown:field", "twice")]
-    assert found.imitators[0]["expected_chi2"] == pytest.approx(0.0, abs=1e-6)
-    numbers = summary(result, CHOICE, OFFSET)
-    assert numbers["findings"][0]["tied_with"] == ["unknown:field"]
-    assert "This data cannot tell that from an effect in no list that follows field." in verdict(numbers)
-    assert "twice" in str(tied_table(numbers).rows)
+    assert [(one.cause, one.form) for one in found.imitators] == [("unknown:field", "twice")]
+    assert found.imitators[0].expected_chi2 == pytest.approx(0.0, abs=1e-6)
+    outcome = summary(result, CHOICE, OFFSET)
+    assert outcome.findings[0].tied_with == ["unknown:field"]
+    assert "This data cannot tell that from an effect in no list that follows field." in verdict(outcome)
+    assert "twice" in str(tied_table(outcome.findings).rows)
 
 
 @pytest.mark.parametrize("more", [0, 6])
@@ -120,8 +120,8 @@ def test_a_listed_cause_is_tied_with_a_driver_that_chance_lets_describe_the_data
     lucky = (np.sqrt(size**2 + more) - size * np.cos(turn)) / np.sin(turn)
     candidates = [first, driver("field", lucky), driver("time", -lucky)]
     (found,) = search(blocks, candidates, CHOICE, np.random.default_rng(1)).findings
-    assert (found.cause, [one["cause"] for one in found.imitators]) == ("case.a", ["unknown:field"])
-    assert found.imitators[0]["expected_chi2"] > CHOICE.tie
+    assert (found.cause, [one.cause for one in found.imitators]) == ("case.a", ["unknown:field"])
+    assert found.imitators[0].expected_chi2 > CHOICE.tie
 
 
 @pytest.mark.parametrize(("further", "named"), [(28.0, "case.a"), (60.0, "unknown:pairs")])
@@ -189,8 +189,7 @@ def test_less_power_than_noise_has_is_an_alarm_too():
     assert result.before.p > 0.05
     assert result.before.quiet < 1e-3
     assert not result.before.adequate(CHOICE.level)
-    numbers = summary(result, CHOICE, OFFSET)
-    assert "less than its noise" in verdict(numbers)
+    assert "less than its noise" in verdict(summary(result, CHOICE, OFFSET))
 
 
 def test_an_isolated_outlier_is_left_out_and_reported_and_hides_no_cause():
@@ -200,13 +199,13 @@ def test_an_isolated_outlier_is_left_out_and_reported_and_hides_no_cause():
     worst = int(np.argmax(np.abs(blocks[2].global_columns[:, 0])))
     blocks[2].observed[worst] += 40
     result = search(blocks, candidates, CHOICE, rng)
-    ((where, sigma),) = [((one["block"], one["time"]), one["sigma"]) for one in result.outliers]
+    ((where, sigma),) = [((one.block, one.time), one.sigma) for one in result.outliers]
     assert where == ("block 2", float(worst))
     assert 35 < sigma < 45
     assert [f.cause for f in result.findings] == ["case.a"]
     assert result.after.p > CHOICE.level
     assert abs(result.shared[1][0] - 1.0) < 4 * result.sigma[1][0]
-    assert "39" in str(WORDS.table("outliers", summary(result, CHOICE, OFFSET)).rows)
+    assert "39" in str(WORDS.table("outliers", vars(summary(result, CHOICE, OFFSET))).rows)
     spike = np.eye(300)[:, 100:103] * [1, 0, 0]
     blocks, candidates = made(rng)
     stepped = replace(blocks[0], observed=blocks[0].observed + 12 * spike[:, 0], steps={100.0: spike})
@@ -316,11 +315,11 @@ def test_the_correction_is_what_the_records_without_the_model_lack(kind):
     columns = [c + 0.5 * b.global_columns for c, b in zip(first.columns, blocks, strict=True)]
     hidden = hiding(blocks, [b.global_columns for b in blocks], 10 / np.sqrt(1200))
     found = discover(kind(hidden, [replace(first, columns=columns)]), Limits(0.005, 9.0, 4, 15.0, 1))
-    numbers = result_of(found)
-    assert [one["adopted"] for one in numbers["findings"]] == [True]
-    change = numbers["calibration_change"]
-    assert abs(change["change"][0]) > 0.1
-    assert change["correction"][0] == pytest.approx(0.0 if kind is Invented else change["change"][0], abs=1e-9)
+    outcome = outcome_of(found)
+    assert [one.adopted for one in outcome.findings] == [True]
+    change = outcome.calibration_change
+    assert abs(change.change[0]) > 0.1
+    assert change.correction[0] == pytest.approx(0.0 if kind is Invented else change.change[0], abs=1e-9)
 
 
 def test_readings_that_leave_nothing_to_test_are_refused():
@@ -409,11 +408,10 @@ def test_an_unseen_direction_costs_what_the_seen_ones_leave_possible(prior, held
     leak = [np.concatenate([c, b.global_columns], axis=1) for c, b in zip(first.columns, blocks, strict=True)]
     forms = [Candidate("case.leak", "", ["a", "b"], ["1", "1"], leak, [prior] * 2), replace(second, prior=[prior])]
     result = delivered(search(blocks, forms, CHOICE, np.random.default_rng(1)), CHOICE, 1)
-    numbers = summary(result, CHOICE, OFFSET)
-    for hidden in numbers["indistinguishable_from_calibration"]:  # where half a sigma is plausible
-        assert np.allclose(np.abs(hidden["bias"]), prior, rtol=0.1)
-        hidden["bias_in_error"] = result.unseen["case.leak"].tolist()
-        assert unobservable_table(numbers).rows[0][-1] == f"{result.unseen['case.leak'][0]:.2g} m"
+    outcome = summary(result, CHOICE, OFFSET)
+    for hidden in outcome.indistinguishable_from_calibration:  # where half a sigma is plausible
+        assert np.allclose(np.abs(hidden.bias), prior, rtol=0.1)
+        assert unobservable_table(outcome).rows[0][-1] == f"{result.unseen['case.leak'][0]:.2g} m"
     assert held[0] < result.unseen["case.leak"][0] < held[1]
     assert result.unseen["case.b"][0] < 0.1 * held[1]
     added = result.covariance[1][0, 0] - result.covariance[0][0, 0]
@@ -479,8 +477,8 @@ def test_rounding_of_what_looks_like_the_calibration_is_no_sign_of_it():
         alike = Candidate("case.alike", "", ["size"], ["1"], columns, prior=[1.0])
         problem = prepare(blocks, [alike])
         (row,) = beside_calibration(problem, baseline_of(problem, ()), np.ones(2))
-        assert row["signal_to_noise"] == 0.0
-        assert row["bias_in_sigma"] == pytest.approx(np.linalg.norm(np.concatenate(columns)), rel=1e-3)
+        assert row.signal_to_noise == 0.0
+        assert row.bias_in_sigma == pytest.approx(np.linalg.norm(np.concatenate(columns)), rel=1e-3)
 
 
 def test_a_driver_that_moves_the_calibration_further_than_its_error_is_not_adopted():
@@ -526,14 +524,14 @@ def test_limits_say_from_which_size_an_effect_is_named_and_what_it_is_taken_for(
     observed = SimpleNamespace(blocks=blocks, candidates=candidates, scale=np.ones(1))
     left, said = search(blocks, candidates, CHOICE, np.random.default_rng(1)).after.rest, []
     left = [part[:, None] for part in left]
-    rows = {one["cause"]: one for one in detection_limits(observed, left, CHOICE, said.append)}
+    rows = {one.cause: one for one in detection_limits(observed, left, CHOICE, said.append)}
     unseen = rows.pop("case.hidden")
-    assert (unseen["size"], unseen["bias"]) == (None, [pytest.approx(2.0)])
-    assert all(3 <= one["signal_to_noise"] < 8 and one["confirmed"] for one in rows.values())
-    assert rows["case.a"]["size"] == pytest.approx(rows["case.a"]["signal_to_noise"] / np.sqrt(1200), rel=0.1)
-    assert rows["case.a"]["confused_with"] == ["case.twin"]
-    assert rows["case.a"]["alone_from"] is None
-    assert rows["case.b"]["alone_from"] == pytest.approx(rows["case.b"]["size"])
+    assert (unseen.size, unseen.bias) == (None, [pytest.approx(2.0)])
+    assert all(3 <= one.signal_to_noise < 8 and one.confirmed for one in rows.values())
+    assert rows["case.a"].size == pytest.approx(rows["case.a"].signal_to_noise / np.sqrt(1200), rel=0.1)
+    assert rows["case.a"].confused_with == ["case.twin"]
+    assert rows["case.a"].alone_from is None
+    assert rows["case.b"].alone_from == pytest.approx(rows["case.b"].size)
     assert len(WORDS.table("limits", {"limits": list(rows.values())}).rows) == 3
 
 

@@ -92,7 +92,7 @@ def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_p
     chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": "20"})
     products = {name: read(ref) for name, ref in calibration.discovery.baseline(source, chosen).items()}
     settings = calibration.discovery.settings(source, chosen)
-    entry = Entry("gradient.tesseral", "degree 5, order 3", {"cosine": Parameter(1e-6)})
+    entry = Entry("gradient.tesseral", "degree 5, order 3", {"cosine": Parameter(1e-6, None, "1")})
     observed = observations.observe(products, **settings)
     moved = observed.without([entry])["linear"].values - products["ingest"]["linear"].values
     about = observed.about.extra

@@ -1,16 +1,27 @@
 """Page of a discovery: a panel for each finding, and what is said of it."""
 
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 import xarray as xr
 
+from gravcal.estimation.outcome import Change, Gain, HeldoutGain, NamedCause, Outcome, Readings, Shown, Unexplained
 from gravcal.estimation.quantities import tabled
+from gravcal.estimation.records import Parameter
 from gravcal.report import discovery
 from gravcal.report import discovery_words as words
 
-PLACE = {"finding": 0, "channel": "linear", "block": "manoeuvre 2", "axis": 1}
+CHANGE = Change(("x", "y"), "um", "mtq", (), (2.0, 1.0), (55.1, 2.0), (1.9, 1.0), (-12.3, 0.1), (), (), ())
+
+
+def outcome(*findings, p=(0.0, 0.4), quiet=1.0, change=CHANGE, number=0):
+    """Outcome of a search; the reading of a finding of that number is shown."""
+    readings = Readings((Shown(number, "linear", "manoeuvre 2", 1),), (12.0,))
+    gain = Gain(9.0, 8.0, 9, 8, 1.0, -4.5, -4.0, 0.0, {}, {})
+    some = (), findings, (), Unexplained(), change, gain, (), {}
+    return Outcome(False, True, *p, 1.0, quiet, 0.005, *some, readings=readings)
 
 
 #: What a finding adds: it follows the square wave, happens once, or is a line of its own.
@@ -30,9 +41,8 @@ def found(added, number=0, parameters=None):
     values["extended"] = square + ADDED[added](time)[:, None] if number >= 0 else np.full_like(square, np.nan)
     data = {f"linear_{part}": (("linear_time", "axis"), v, {"units": "m s-2"}) for part, v in values.items()}
     data["linear_finding"] = ("linear_time", np.full(time.size, float(number)))
-    findings = [{"parameters": parameters or {}}] if number >= 0 else []
-    made = xr.Dataset(data, {"linear_time": 6e8 + time})
-    return tabled(made, {"findings": findings, "readings": {"shown": [PLACE | {"finding": number}], "periods": [12.0]}})
+    findings = [finding("case.a", **(parameters or {}))] if number >= 0 else []
+    return tabled(xr.Dataset(data, {"linear_time": 6e8 + time}), outcome(*findings, number=number))
 
 
 @pytest.mark.parametrize(
@@ -40,7 +50,7 @@ def found(added, number=0, parameters=None):
     [
         ("follows", {}, 12.0),
         ("stepped", {}, None),
-        ("waved", {"frequency": {"value": 1 / 7.3}}, 7.3),
+        ("waved", {"frequency": (1 / 7.3, None, "Hz")}, 7.3),
         ("waved", {}, None),
     ],
 )
@@ -71,9 +81,10 @@ def test_a_panel_shows_reading_and_difference_in_units_and_what_is_not_named_no_
 
 def finding(cause, form="", **parameters):
     """A finding with {name: (value, sigma, unit)}."""
-    rows = {n: dict(zip(("value", "sigma", "unit"), row, strict=True)) for n, row in parameters.items()}
-    listed = not cause.startswith("unknown:")
-    return {"cause": cause, "form": form, "in_catalogue": listed, "tied_with": [], "parameters": rows}
+    rows, listed = {n: Parameter(*row) for n, row in parameters.items()}, not cause.startswith("unknown:")
+    known = {"significance": 1e-9, "level": 0.005, "heldout": "blocks", "heldout_gain": HeldoutGain(9.0, 10.0, 1)}
+    known |= {"tied_with": (), "adopted": True, "in_catalogue": listed, "separation": (), "imitators": ()}
+    return NamedCause(cause, form, rows, model=rows, **known)
 
 
 def test_a_law_in_no_list_is_a_sentence_with_numbers():
@@ -99,15 +110,12 @@ def test_every_effect_of_the_catalogue_has_a_sentence():
 
 def test_the_verdict_says_what_moves_and_alarms():
     """Contract: moves in the unit of the result; too little power is said beside a finding as well."""
-    change = {"names": ["x", "y"], "unit": "um", "change": [-12.3, 0.1], "after": [55.1, 2.0]}
-    change |= {"sigma_before": [2.0, 1.0], "sigma_after": [1.9, 1.0]}
     one = finding("torque.dipole_gain", rod_x=(-0.02, 0.001, "1"))
-    said = {"findings": [one], "p_before": 0.0, "p_after": 0.4, "level": 0.005, "calibration_change": change}
-    text = words.verdict(said | {"p_quiet_before": 1.0, "p_quiet_after": 1e-5})
+    text = words.verdict(outcome(one, quiet=1e-5))
     assert "2.00 ± 0.10 % smaller than the catalogue says" in text
     assert "The result moves: x by −12.3 to 55.1 ± 1.9 um." in text
     assert "ALARM" in text
-    assert "ALARM" not in words.verdict(said | {"p_quiet_before": 1.0, "p_quiet_after": 0.3})
-    mixed = change | {"unit": "1e-6 rad s-2 V-1, um", "after": [39567.0, 2.0], "sigma_after": [228.0, 1.0]}
-    text = words.verdict(said | {"calibration_change": mixed, "p_quiet_after": 0.3})
+    assert "ALARM" not in words.verdict(outcome(one, quiet=0.3))
+    mixed = replace(CHANGE, unit="1e-6 rad s-2 V-1, um", after=(39567.0, 2.0), sigma_after=(228.0, 1.0))
+    text = words.verdict(outcome(one, change=mixed))
     assert "x by −0.01 to 39.57 ± 0.23 mrad s⁻² V⁻¹" in text

@@ -1,6 +1,7 @@
 """Products: schemas, deterministic files that other libraries open, and content digests."""
 
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 
 import netCDF4
@@ -12,7 +13,8 @@ from hypothesis import strategies as some
 from hypothesis.extra import numpy as arrays
 
 from gravcal.errors import ProductError
-from gravcal.estimation.quantities import result_of, tabled
+from gravcal.estimation.quantities import plain, record_of, result_of, tabled
+from gravcal.estimation.records import Entry, Lead, Parameter
 from gravcal.store import product
 
 SCHEMA = {
@@ -187,3 +189,8 @@ def test_a_result_is_kept_as_quantities(tmp_path):
     assert [type(one) for one in found["a/b~"][:5]] == [int, float, float, type(None), bool]
     assert float(read["quantity_value"].sel(quantity="/a~1b~0/1")) == 2.5
     assert result_of(xr.Dataset()) == {} == result_of(tabled(xr.Dataset(), {}))
+    entry = Entry("torque.dipole_gain", "", {"rod_x": Parameter(0.1, np.nan, "1")}, leads=(Lead(6e8, 0.5),))
+    tables = result_of(tabled(read, entry))
+    assert tables == plain(entry) | {"parameters": {"rod_x": {"value": 0.1, "sigma": None, "unit": "1"}}}
+    assert "waves" not in tables  # as they have their default
+    assert record_of(Entry, tables) == replace(entry, parameters={"rod_x": Parameter(0.1, None, "1")})

@@ -16,7 +16,8 @@ from gravcal.calibrations.gradient_torque.noise import GLOBAL, PLACES, Channel, 
 from gravcal.effects import Context, Effect, effect
 from gravcal.effects.drivers import products, waves
 from gravcal.effects.gradient import EFFECTS, added_to_channels, apart, reading_of, readings, tensor, tesseral
-from gravcal.estimation.records import Bias, Block, Candidate, Entry, Observations, Reported
+from gravcal.estimation.outcome import Unobservable
+from gravcal.estimation.records import Block, Candidate, Entry, Observations, Reported
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 UNITS = {"linear": "m s-2", "attitude": "rad s-2", "torque": "N m"}
@@ -255,7 +256,7 @@ class GradientTorque(Observations):
                     linear[:, k] += known.contribution(about, known.values(own))
         return linear, angular
 
-    def biased(self) -> list[Bias]:
+    def biased(self) -> list[Unobservable]:
         """What effects that move both sensors alike, and so no difference shows, do to the drag."""
         found = []
         for entry in (one for one in EFFECTS if one.channel == "linear_each_b"):
@@ -263,7 +264,7 @@ class GradientTorque(Observations):
             for k, parameter in enumerate(entry.parameters):
                 rms = np.sqrt(np.mean((parameter.prior_sigma * mean[:, :, k]) ** 2, axis=0))
                 size = float(np.sqrt(np.mean(rms**2))) / self.drag_sigma
-                found.append(Bias(entry.slug, parameter.name, parameter.prior_sigma, "drag_bias_m_s2", rms, size))
+                found.append(Unobservable(entry.slug, {parameter.name: 1.0}, 0.0, (), size, (), rms.tolist()))
         return found
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

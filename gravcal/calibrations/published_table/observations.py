@@ -12,6 +12,7 @@ import numpy as np
 
 from gravcal.calibrations.causes import listed, unknown
 from gravcal.effects import Context, catalogue
+from gravcal.estimation.outcome import Weighed
 from gravcal.estimation.records import Block, Candidate, Observations, Reported
 from gravcal.physics import earth, magnetic
 
@@ -148,8 +149,8 @@ class Table(Observations):
             made.append(replace(one, columns=whitened, prior=[]))
         return made
 
-    def weighed(self) -> list[dict]:
-        """Evidence of every listed cause in its best form: {"cause", "form", "log_odds"} over one offset alone.
+    def weighed(self) -> list[Weighed]:
+        """Evidence of every listed cause in its best form over one offset alone.
 
         Printed errors times a common factor f that is not known, sizes and offset drawn from their priors:
         Z = int N(y; 0, f^2 S + O O' + A P A') d ln f; so a repeat that agrees by luck decides nothing.
@@ -170,10 +171,9 @@ class Table(Observations):
         for number, one in enumerate(self.causes):
             sizes = [size for owner, _, size in self._priors if owner == number]
             odds = float(log_evidence(np.concatenate(one.columns)[known], sizes) - alone) if sizes else -np.inf
-            before = found.get(one.cause, {"log_odds": -np.inf})["log_odds"]
-            if sizes and odds > before + 0.05:  # a heading changes nothing
-                found[one.cause] = {"cause": one.cause, "form": one.form, "log_odds": odds}
-        return sorted(found.values(), key=lambda one: -one["log_odds"])
+            if sizes and (one.cause not in found or odds > found[one.cause].log_odds + 0.05):  # a heading is nothing
+                found[one.cause] = Weighed(one.cause, one.form, odds)
+        return sorted(found.values(), key=lambda one: -one.log_odds)
 
     @functools.cached_property
     def _priors(self):

@@ -9,7 +9,8 @@ from gravcal.calibrations import schemas
 from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.routine.accelerometer import COMPONENTS, PAIRS
 from gravcal.calibrations.schemas import build
-from gravcal.estimation.quantities import result_of
+from gravcal.estimation.outcome import Outcome, outcome_of
+from gravcal.estimation.quantities import plain
 from gravcal.report import discovery, discovery_words, documents
 from gravcal.report.discovery import findings_table, tied_table
 from gravcal.report.figures import AXIS, COLOURS, thinned
@@ -89,7 +90,7 @@ def report(
     """Report product of a day and its files, from products named "part.stage" and what parts could not run for."""
     products = dict(zip(names, given, strict=True))
     searches = {part: products[f"{part}.discovery"] for part in pages if f"{part}.discovery" in products}
-    if _of_other_times({part: result_of(one) for part, one in searches.items()}):
+    if _of_other_times({part: outcome_of(one) for part, one in searches.items()}):
         products.pop("accelerometer.discovery", None)
     instruments, sections, parameters, checked = {}, [], {}, []
     for part, own in pages.items():
@@ -121,19 +122,19 @@ def _instrument(part, own, mine):
     facts, shown = own.content(mine)
     more, _ = own.more(mine)
     known = document(mine["estimate"])
-    numbers = result_of(mine["discovery"]) if "discovery" in mine else {}
+    found = outcome_of(mine["discovery"]) if "discovery" in mine else None
+    findings, statistics = found.findings if found else (), _statistics(part, mine)
     named = [
-        {name: one.get(name) for name in ("cause", "form", "parameters", "tied_with", "significance")}
-        for one in numbers.get("findings", [])
+        {n: plain(one)[n] for n in ("cause", "form", "parameters", "tied_with", "significance")} for one in findings
     ]
-    statistics, adequate = _statistics(part, mine), numbers.get("adequate_after")
-    told = ", ".join(discovery_words.title(one["cause"]) for one in named) or "nothing is named"
-    told = told if numbers else "not searched"
-    said = f"{part}: {told}" + (", and more is left than noise" if adequate is False else "")
+    told = ", ".join(discovery_words.title(one.cause) for one in findings) or "nothing is named"
+    told = told if found else "not searched"
+    said = f"{part}: {told}" + (", and more is left than noise" if found and not found.adequate_after else "")
     made = {"status": "fitted", "said": said, "proven_on": PROVEN[part], "statistics": statistics, "causes": named}
-    made |= {"adequate": adequate, "p_before": numbers.get("p_before"), "p_after": numbers.get("p_after")}
+    numbers = {"adequate": "adequate_after", "p_before": "p_before", "p_after": "p_after"}
+    made |= {name: getattr(found, field, None) for name, field in numbers.items()}
     tables = [WORDS.table("statistics", statistics)]
-    tables += [findings_table(numbers), tied_table(numbers)] if named else []
+    tables += [findings_table(findings), tied_table(findings)] if findings else []
     tables += [parameter_table(known["parameters"], f"{part}.estimate"), *_placed(part, shown, "tables")]
     notes = [*(note for one in shown for note in one.notes), f"Proven on {PROVEN[part]}."]
     section = Section(title(part), tables, _placed(part, shown, "figures"), notes)
@@ -146,17 +147,14 @@ def _placed(part, sections, kind):
     return [replace(one, reads=[f"{part}.{name}" for name in one.reads]) for one in every]
 
 
-def _of_other_times(searches: Mapping[str, Mapping]) -> str:
-    """What the searches of other parts say of records that the accelerometer is held against, if tags are minutes off.
-
-    Searches are {part: numbers}.
-    """
+def _of_other_times(searches: Mapping[str, Outcome | None]) -> str:
+    """What searches of other parts say of records that the accelerometer is held against, if tags are minutes off."""
     said = []
-    for part in HOLDERS:
-        for one in searches.get(part, {}).get("findings", ()):
-            delay = one["parameters"].get("delay", {}).get("value") if one["cause"] in HELD else None
+    for found in filter(None, map(searches.get, HOLDERS)):
+        for one in found.findings:
+            delay = one.parameters["delay"].value if one.cause in HELD and "delay" in one.parameters else None
             if delay is not None and abs(delay) > LATE_S:
-                said.append(f"{discovery_words.title(one['cause'])} {delay:.0f} s")
+                said.append(f"{discovery_words.title(one.cause)} {delay:.0f} s")
     return f"its records are of different times ({', '.join(said)})" if said else ""
 
 
@@ -170,22 +168,22 @@ def discovered(*found, parts: Mapping, missing: Mapping[str, str], reported: Map
 
     Parts are {part: calibration, event and settings}, missing {part: why it has none}, reported {part: Reported}.
     """
-    apart = _of_other_times({p: result_of(one) for p, one in zip(parts, found, strict=True)})
+    apart = _of_other_times({p: outcome_of(one) for p, one in zip(parts, found, strict=True)})
     searched = {part: (known, one) for (part, known), one in zip(parts.items(), found, strict=True)}
     if apart and searched.pop("accelerometer", None):
         missing = {**missing, "accelerometer": apart}
     told = {part: {"status": "no_data", "said": why} for part, why in missing.items()}
     sections, files, findings, products = [], {}, [], {}
     for part, (known, one) in searched.items():
-        made, numbers = discovery.judged(one, **known, reported=reported[part])
+        made, outcome = discovery.judged(one, **known, reported=reported[part])
         told[part] = made | {"proven_on": PROVEN[part]}
         findings += [finding | {"part": part} for finding in made["findings"]]
-        shown = discovery.sections(one, made, reported[part])
+        shown = discovery.sections(one, outcome, reported[part])
         notes = [made["verdict"]["text"], reported[part].note, f"Proven on {PROVEN[part]}."]
         sections.append(Section(title(part), _placed(part, shown, "tables"), _placed(part, shown, "figures"), notes))
         products[f"{part}.discovery"] = one
-        if made["findings"] and "model" in known["settings"]:
-            files[f"{part}.toml"] = discovery.model_text(numbers, known["event"])
+        if outcome.findings and "model" in known["settings"]:
+            files[f"{part}.toml"] = discovery.model_text(outcome.findings, known["event"])
     sections += [Section(title(part), notes=[f"Not searched: {why}."]) for part, why in missing.items()]
     searched = {part: one for part, one in told.items() if part in searched}
     said = [f"{title(part)}: {one['verdict']['text']}" for part, one in searched.items()]
