@@ -11,7 +11,8 @@ import numpy as np
 
 from gravcal.discovery.problem import Problem, baseline_of, inverse_of, root_of
 from gravcal.estimation import chi2_tail
-from gravcal.estimation.outcome import Separation, Unobservable
+from gravcal.estimation.outcome import Separation
+from gravcal.estimation.records import Unobservable
 
 #: Share of its size that a column keeps when it counts as seen beside the baseline.
 SEEN = 1e-4

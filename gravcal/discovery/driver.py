@@ -23,7 +23,7 @@ from gravcal.discovery.problem import (
     residuals_of,
     root_of,
 )
-from gravcal.discovery.rounds import Choice, Finding, Result, begun, concluded
+from gravcal.discovery.rounds import Choice, Result, begun, concluded
 from gravcal.discovery.scan import offered, side_by_side
 from gravcal.discovery.trials import EXCESS, SHARES
 from gravcal.errors import CatalogError
@@ -37,6 +37,7 @@ from gravcal.estimation.records import (
     LineSearch,
     Observations,
     Parameter,
+    Unobservable,
     epoch_of,
     slug_of,
 )
@@ -137,9 +138,9 @@ def _searched(observed, limits, model, before=None):
         shared = np.append(np.array(before) / observed.scale - observed.start, result.shared[0][count:])
         whole = replace(result, shared=(shared, result.shared[1]))
     averaged = delivered(whole, choice, count)
-    found, weighed = summary(averaged, choice, observed), observed.weighed()
-    findings = [_described(one, result, k, observed, waves) for k, one in enumerate(found.findings)]
-    findings[:1] = [_tied(one, {row.cause: row.log_odds for row in weighed}) for one in findings[:1]]
+    found, weighed = summary(averaged, choice, observed, waves), observed.weighed()
+    odds = {row.cause: row.log_odds for row in weighed}
+    findings = [*(_tied(one, odds) for one in found.findings[:1]), *found.findings[1:]]
     calibrated = observed.scale * (observed.start + _without_model(result, observed, findings))
     if before is not None and not any(one.adopted for one in findings):
         calibrated = np.array(before)  # of the records as they are
@@ -206,12 +207,17 @@ def _fitted(result, position):
     return Fitted(candidate, one.value, one.sigma, result.after.rest, result.problem.bases)
 
 
-def _described(finding: outcome.NamedCause, result: Result, position: int, observed, waves) -> outcome.NamedCause:
-    """The finding with its parameters as the effect of the catalogue has them."""
-    one, fitted, parameters = result.findings[position], _fitted(result, position), dict(finding.parameters)
+def _entries(result: Result, position: int, observed, waves) -> tuple[Entry, Entry]:
+    """A finding with its parameters as the effect of the catalogue has them: to be told, and for a model."""
+    one, fitted = result.findings[position], _fitted(result, position)
+    values = zip(one.names, one.value.tolist(), one.sigma.tolist(), one.units, strict=True)
+    parameters, entry = {n: Parameter(v, s, u) for n, v, s, u in values}, Entry(slug_of(one.cause), one.form, {})
     if one.cause == EXCESS:  # which no model takes out
         known = fitted.candidate.shape.parameters.items()
-        return replace(finding, parameters={n: replace(p, sigma=p.sigma or None) for n, p in known})
+        return replace(entry, parameters={n: replace(p, sigma=p.sigma or None) for n, p in known}), entry
+    if np.isfinite(one.at):
+        name, unit = ("time", "s") if "time" in one.form else ("frequency", "Hz")
+        parameters[name] = Parameter(one.at, one.at_sigma, unit)
     if one.form in waves:
         words = one.form.partition(",")[0].split()  # "<channel> reading <axis>"
         known = one.value[np.isfinite(one.value)], one.sigma[np.isfinite(one.value)]
@@ -226,10 +232,7 @@ def _described(finding: outcome.NamedCause, result: Result, position: int, obser
         parameters["time"] = _epoch(result, position, spacing)
     where = {n: p for n, p in parameters.items() if n in ("time", "frequency")}
     both = parameters, named_parameters(result, position) | where
-    seen, model = (observed.physical(Entry(finding.cause, one.form, known), fitted) for known in both)
-    more = {"waves": model.waves or seen.waves, "leads": model.leads or seen.leads}
-    heldout = finding.heldout if observed.whole_manoeuvres else "blocks"
-    return replace(finding, parameters=seen.parameters, model=model.parameters, heldout=heldout, **more)
+    return tuple(observed.physical(replace(entry, parameters=known), fitted) for known in both)
 
 
 def _epoch(result, position, width):
@@ -246,7 +249,7 @@ def _epoch(result, position, width):
     return Parameter(mean, spread, "s")
 
 
-def _beside(problem: Problem, observed: Observations, count: int) -> list[outcome.Unobservable]:
+def _beside(problem: Problem, observed: Observations, count: int) -> list[Unobservable]:
     """Effects that these data do not show at a plausible size, and that move a result beside the parameters."""
     gram, rows = attribution.projected(problem.total, baseline_of(problem, ())), []
     alone = [(c, place.start) for c, place in zip(problem.candidates, problem.places, strict=True)]
@@ -396,8 +399,8 @@ def dataset(result: Result, found: outcome.Outcome, channels: Sequence[str], rea
     return tabled(made, found)
 
 
-def summary(result: Result, choice: Choice, observed: Observations) -> outcome.Outcome:
-    """Outcome of a search, NaN where not determined, with the parameters of the candidates; causes without epochs."""
+def summary(result: Result, choice: Choice, observed: Observations, waves=()) -> outcome.Outcome:
+    """Outcome of a search with its lines, by their forms; NaN where not determined, causes without epochs."""
     before, after, tried = result.before, result.after, {}
     for one in result.first:
         cause = slug_of(one.cause)
@@ -407,34 +410,29 @@ def summary(result: Result, choice: Choice, observed: Observations) -> outcome.O
     hidden = [replace(one, bias_in_error=errors.get(one.cause, ())) for one in hidden]
     adequate = before.adequate(choice.level), after.adequate(choice.level)
     chances = before.p, after.p, before.quiet, after.quiet, choice.level
-    findings = [_finding(one, choice, k, result.adopted) for k, one in enumerate(result.findings)]
+    findings = [_named(result, k, choice, observed, waves) for k in range(len(result.findings))]
     left = _unexplained(after) if after.p < choice.level else outcome.Unexplained()
     moved = _change(result, observed), _gained(result)
     named = result.outliers, findings, hidden, left, *moved, [*tried.values()], observed.expected
     return outcome.Outcome(*adequate, *chances, *named)
 
 
-def _finding(found: Finding, choice, position, adopted):
-    values = zip(found.names, found.value.tolist(), found.sigma.tolist(), found.units, strict=True)
-    parameters, cause = {n: Parameter(v, s, u) for n, v, s, u in values}, slug_of(found.cause)
-    if np.isfinite(found.at):
-        name, unit = ("time", "s") if "time" in found.form else ("frequency", "Hz")
-        parameters[name] = Parameter(found.at, found.at_sigma, unit)
+def _named(result: Result, position: int, choice: Choice, observed, waves) -> outcome.NamedCause:
+    found, (told, model) = result.findings[position], _entries(result, position, observed, waves)
     tied = dict.fromkeys(map(slug_of, [*found.tied, *(one.cause for one in found.imitators)]))
     apart = {slug_of(one.cause): replace(one, cause=slug_of(one.cause)) for one in found.separation}
+    entry = told.cause, told.form, told.parameters, model.waves or told.waves, model.leads or told.leads
     return outcome.NamedCause(
-        cause,
-        found.form,
-        parameters,
-        tied_with=[one for one in tied if one != cause],
-        adopted=adopted[position] if adopted else True,
-        in_catalogue=not cause.startswith("unknown:"),
-        model={},
+        *entry,
+        tied_with=[one for one in tied if one != told.cause],
+        adopted=result.adopted[position] if result.adopted else True,
+        in_catalogue=told.listed,
+        model=model.parameters,
         significance=found.significance,
         level=choice.level,
-        heldout=found.kind,
+        heldout=found.kind if observed.whole_manoeuvres or found.cause == EXCESS else "blocks",
         heldout_gain=outcome.HeldoutGain(found.heldout, found.gain, found.dof),
-        separation=[one for name, one in apart.items() if name != cause],
+        separation=[one for name, one in apart.items() if name != told.cause],
         imitators=found.imitators,
     )
 

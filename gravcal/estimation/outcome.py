@@ -9,9 +9,7 @@ from dataclasses import dataclass
 from typing import Any
 
 from gravcal.estimation.quantities import record_of, result_of
-from gravcal.estimation.records import Entry, Parameter
-
-Numbers = tuple[float | None, ...]
+from gravcal.estimation.records import Entry, Numbers, Parameter, Unobservable, Weighed
 
 
 @dataclass(frozen=True)
@@ -107,19 +105,6 @@ class NamedCause(Entry):
 
 
 @dataclass(frozen=True)
-class Unobservable:
-    """Direction of a cause, at its plausible size, that moves the result without being seen."""
-
-    cause: str
-    direction: Mapping[str, float]  #: {parameter: share of its plausible size}
-    signal_to_noise: float
-    bias: Numbers  #: of the result
-    bias_in_sigma: float
-    bias_in_error: Numbers = ()  #: share of the error of the result
-    drag_bias_m_s2: Numbers = ()
-
-
-@dataclass(frozen=True)
 class Change:
     """Parameters of the calibration before and after the search, in their reported unit."""
 
@@ -162,15 +147,6 @@ class Tried:
     chi2: float
     parameters: int
     significance: float
-
-
-@dataclass(frozen=True)
-class Weighed:
-    """Evidence of a cause alone against none, in its best form."""
-
-    cause: str
-    form: str
-    log_odds: float
 
 
 @dataclass(frozen=True)

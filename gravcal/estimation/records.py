@@ -10,6 +10,8 @@ import numpy as np
 
 from gravcal.estimation import quantities
 
+Numbers = tuple[float | None, ...]  # None where the data determine none
+
 
 @dataclass(frozen=True)
 class Block:
@@ -206,6 +208,28 @@ class LineSearch:
 
 
 @dataclass(frozen=True)
+class Unobservable:
+    """Direction of a cause, at its plausible size, that moves the result without being seen."""
+
+    cause: str
+    direction: Mapping[str, float]  #: {parameter: share of its plausible size}
+    signal_to_noise: float
+    bias: Numbers  #: of the result
+    bias_in_sigma: float
+    bias_in_error: Numbers = ()  #: share of the error of the result
+    drag_bias_m_s2: Numbers = ()
+
+
+@dataclass(frozen=True)
+class Weighed:
+    """Evidence of a cause alone against none, in its best form."""
+
+    cause: str
+    form: str
+    log_odds: float
+
+
+@dataclass(frozen=True)
 class Fitted:
     """A cause as it was fitted."""
 
@@ -308,10 +332,10 @@ class Observations(Protocol):
         """True if the search is repeated in records without these causes, which gained so much chi-square."""
         return bool(gains)
 
-    def weighed(self) -> list:
-        """Evidence of the causes where few numbers stand for many, `outcome.Weighed`, the best first."""
+    def weighed(self) -> list[Weighed]:
+        """Evidence of the causes where few numbers stand for many, the best first."""
         return []
 
-    def biased(self) -> list:
-        """Effects that move the drag beside the parameters, as `outcome.Unobservable` but for what the data show."""
+    def biased(self) -> list[Unobservable]:
+        """Effects that move the drag beside the parameters, but for what the data show of them."""
         return []

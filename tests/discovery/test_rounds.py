@@ -20,7 +20,23 @@ from gravcal.report.discovery import WORDS, tied_table, unobservable_table
 from gravcal.report.discovery_words import verdict
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
-OFFSET = SimpleNamespace(parameters=["offset"], unit="m", scale=np.ones(1), start=np.zeros(1), expected={})
+
+
+class Invented(Observations):
+    """Blocks and candidates of one calibration parameter."""
+
+    name, channels, parameters, unit = "case", ("a",), ("offset",), "m"
+    scale, start = np.ones(1), np.zeros(1)
+
+    def __init__(self, blocks, candidates):
+        self.blocks, self.candidates = blocks, candidates
+
+    def reading(self, _, number, rows):
+        """Whitened rows as they are."""
+        return self.blocks[number].time, np.zeros((rows.shape[0], 1)), rows.T[:, :, None]
+
+
+OFFSET = Invented([], [])
 
 
 def made(rng, signal=0.0):
@@ -284,20 +300,6 @@ def test_what_the_data_do_not_see_of_any_form_is_in_the_error_of_the_calibration
         errors.append((result.shared[1][0] - 1.0) / result.sigma[1][0])
     assert np.max(np.abs(errors)) < 4
     assert 0.5 < np.sqrt(np.mean(np.square(errors))) < 1.4
-
-
-class Invented(Observations):
-    """Blocks and candidates of one calibration parameter."""
-
-    name, channels, parameters, unit = "case", ("a",), ("offset",), "m"
-    scale, start = np.ones(1), np.zeros(1)
-
-    def __init__(self, blocks, candidates):
-        self.blocks, self.candidates = blocks, candidates
-
-    def reading(self, _, number, rows):
-        """Whitened rows as they are."""
-        return self.blocks[number].time, np.zeros((rows.shape[0], 1)), rows.T[:, :, None]
 
 
 class Kept(Invented):

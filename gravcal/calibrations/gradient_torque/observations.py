@@ -16,8 +16,7 @@ from gravcal.calibrations.gradient_torque.noise import GLOBAL, PLACES, Channel, 
 from gravcal.effects import Context, Effect, effect
 from gravcal.effects.drivers import products, waves
 from gravcal.effects.gradient import EFFECTS, added_to_channels, apart, reading_of, readings, tensor, tesseral
-from gravcal.estimation.outcome import Unobservable
-from gravcal.estimation.records import Block, Candidate, Entry, Observations, Reported
+from gravcal.estimation.records import Block, Candidate, Entry, Observations, Reported, Unobservable
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 UNITS = {"linear": "m s-2", "attitude": "rad s-2", "torque": "N m"}

@@ -12,8 +12,7 @@ import numpy as np
 
 from gravcal.calibrations.causes import listed, unknown
 from gravcal.effects import Context, catalogue
-from gravcal.estimation.outcome import Weighed
-from gravcal.estimation.records import Block, Candidate, Observations, Reported
+from gravcal.estimation.records import Block, Candidate, Observations, Reported, Weighed
 from gravcal.physics import earth, magnetic
 
 EPOCH = 633830400.0  # s GPS, 2020-02-01 12:00
