@@ -4,11 +4,12 @@ import commands
 import numpy as np
 import pytest
 from commands import causes, gravcal
+from scipy.signal import lfilter
 from seeds import ALARM, clean
 
 from flows import gradient_torque
 from gravcal import catalog
-from gravcal.calibrations.gradient_torque import noise, observations
+from gravcal.calibrations.gradient_torque import noise, observations, responses
 from gravcal.estimation.records import Entry, Parameter
 from gravcal.physics import gravity
 from gravcal.store import product
@@ -84,7 +85,8 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, case):
 def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_path):
     """Recovery: what a coefficient adds to the readings by its form leaves the record when its model is taken out.
 
-    A force of 1e-10 m s-2 that follows the latitude does not count as noise of the difference of the sensors.
+    Analytic: so does what remembers the drag, a first-order filter. A force of 1e-10 m s-2 that follows the latitude
+    does not count as noise of the difference of the sensors.
     """
     simulated(tmp_path, rng, {}, duration_s="7200")
     calibration = gradient_torque.CALIBRATION
@@ -99,9 +101,16 @@ def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_p
     unit = gravity.tesseral_gradient_e(about["position_e"], 5, 3)[:, 0]
     expected = -1e-6 * np.matvec(gravity.rotate_tensor(about["R_be"], unit), about["positions"][0])
     assert np.allclose(moved[:, 0], expected, atol=1e-3 * np.abs(expected).max())
-    response = observed.response(entry)
-    assert sum(np.sum(one**2) for one in response) > 100
-    shapes = {form: shape for _, form, shape in observations.drivers(observed.about)}
+    law, sizes = "linear, a memory of component x, tau 300 s", {"linear_z": Parameter(1e-10), "tau": Parameter(300.0)}
+    memory = Entry("unknown:drag", law, sizes)
+    for one in (entry, memory):
+        assert sum(np.sum(rows**2) for rows in observed.response(one)) > 100
+    drag = about["non_gravitational_b"][:, 0] - about["non_gravitational_b"][:, 0].mean()
+    drag, kept = drag / np.abs(drag).max(), np.exp(-5.0 / 300.0)
+    remembered = lfilter([1 - kept], [1, -kept], drag, zi=[kept * drag[0]])[0]
+    moved = observed.without([memory])["linear"].values - products["ingest"]["linear"].values
+    assert np.allclose((moved[:, 1] - moved[:, 0])[:, 2], 1e-10 * remembered, atol=1e-16)
+    shapes = {form: shape for _, form, shape in responses.drivers(observed.about)}
     quiet = observed.made["linear"].models[2].density(np.array([4 / 5670]))
     linear = products["gradient"]["linear_b"].copy(deep=True)
     linear.values[:, 0, 2] += 1e-10 * shapes["cosine of 4 times its argument"]

@@ -2,7 +2,7 @@
 
 import functools
 import itertools
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -10,27 +10,21 @@ import xarray as xr
 from scipy.linalg import block_diag
 
 from gravcal.calibrations.causes import added_by, along, listed, unknown
-from gravcal.calibrations.gradient_torque import attitude
+from gravcal.calibrations.gradient_torque import attitude, responses
 from gravcal.calibrations.gradient_torque.model import METHODS, orbit
 from gravcal.calibrations.gradient_torque.noise import GLOBAL, PLACES, Channel, channels_of, means
-from gravcal.effects import Context, Effect, effect
-from gravcal.effects.drivers import products, waves
+from gravcal.calibrations.gradient_torque.responses import POINTING, drivers, effects_of, memories
+from gravcal.effects import Context, effect
 from gravcal.effects.gradient import EFFECTS, added_to_channels, apart, reading_of, readings, tensor, tesseral
-from gravcal.estimation.records import Block, Candidate, Entry, Observations, Reported, Unobservable
+from gravcal.estimation.records import Block, Candidate, Entry, Observations, Reported, Shape, Unobservable
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 UNITS = {"linear": "m s-2", "attitude": "rad s-2", "torque": "N m"}
 METHOD = METHODS.index("two_sensor")  # motion from all sensors
 BLOCK_S = 7200.0  # more than a revolution, so that each block sees every latitude
-#: Effects of other families that such a satellite can have.
-LINEAR = tuple(f"accelerometer.{n}" for n in ("scale", "misalignment", "cross_talk", "bias_drift", "temperature"))
-ANGULAR = tuple(f"accelerometer.angular_{name}" for name in ("scale", "misalignment"))
-TORQUE = tuple(f"torque.{name}" for name in ("aerodynamic", "gravity_gradient", "residual_dipole"))
-POINTING, TESSERAL = "attitude.star_camera_misalignment", "gradient.tesseral"
+TESSERAL = "gradient.tesseral"
 HIGHEST = 20  # degree of a coefficient that is looked for
 LAST_FIELD = 9.46e8  # GPS s, end of 2029: the geomagnetic field of later days is that of its model then
-#: Drivers that torques do not move: motion answers a torque, and would explain any.
-OUTSIDE = ("latitude", "time")
 
 
 def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
@@ -44,7 +38,8 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
     R_bi = attitude.R_bo(modelled["angle"].values[METHOD]) @ attitude.orbit_frame(position, velocity)
     about = _context(modelled, found, R_bi, position, settings)
     added = (added["linear"] for _, _, added in effects_of(about, ("linear",)) if "linear" in added)
-    lines = (shape[:, None, None] * np.eye(3) for driver, _, shape in drivers(about) if driver in OUTSIDE)
+    outside = [shape for driver, _, shape in drivers(about) if driver in responses.OUTSIDE]
+    lines = (shape[:, None, None] * np.eye(3) for shape in outside + [one for *_, one in memories(about)])
     channels = channels_of(about, R_bi, observed, modelled, itertools.chain(added, lines), settings)
     satellite, prior = settings["satellite"], np.zeros((6, 1 + GLOBAL))
     pressure = np.array(satellite["centre_of_pressure"])
@@ -95,40 +90,6 @@ def _of_degree(about, degree, order):
     """Context with the gravity gradient of C_nm = 1 and of S_nm = 1."""
     both = tesseral(about.extra["position_e"], about.extra["R_be"], degree, order)
     return replace(about, extra=about.extra | {"tesseral_b": both})
-
-
-def effects_of(about: Context, channels: Sequence[str]) -> Iterator[tuple[Effect, int, dict[str, np.ndarray]]]:
-    """Effect, number of the sensor that has it (0: all), and what it adds by each parameter {channel: (n, 3, q)}."""
-    yield from ((entry, 0, added_to_channels(about, entry)) for entry in EFFECTS)
-    for entry in map(effect, LINEAR if "linear" in channels else ()):
-        for sensor, sign in enumerate((-1.0, 1.0)):
-            columns = entry.columns(replace(about, linear_b=reading_of(about, sensor)))
-            yield entry, sensor + 1, {"linear": sign * columns}
-    others = (*ANGULAR, *(TORQUE if "torque" in channels else ()), POINTING)
-    yield from ((entry, 0, added_to_channels(about, entry)) for entry in map(effect, others))
-
-
-def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Drivers, their forms, and what follows them, (n,) 1 of a size near one: readings, drag, attitude, orbit, time.
-
-    Of the readings of a sensor products: in proportion to them are scale, misalignment and cross-talk.
-    """
-    for sensor in range(len(about.extra["positions"])):
-        reading = reading_of(about, sensor)
-        reading = reading / np.maximum(np.abs(reading).max(axis=0), 1e-300)
-        for words, values in products(reading, "square of {}"):
-            yield "reading", f"{words} of sensor {sensor + 1}", values
-    drag, rate = about.extra["non_gravitational_b"], about.rate_b - about.rate_b.mean(axis=0)
-    for name, values in (("drag", drag), ("rate", rate), ("angular_acceleration", about.rate_dot_b)):
-        for axis, letter in enumerate("xyz"):
-            one = values[:, axis] - values[:, axis].mean()
-            one = one / max(np.abs(one).max(), 1e-300)
-            yield name, f"component {letter}", one
-            yield name, f"square of {letter}", one**2
-    fastest = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
-    argument = np.cumsum(about.rate_b[:, fastest] * np.diff(about.time, prepend=about.time[0]))  # along the orbit
-    yield from (("latitude", *wave) for wave in waves(argument))
-    yield "time", "straight line", (about.time - about.time[0]) / (about.time[-1] - about.time[0]) - 0.5
 
 
 @dataclass(frozen=True)
@@ -204,13 +165,34 @@ class GradientTorque(Observations):
             found.append(replace(listed(entry, columns, f"degree {degree}, order {order}"), apart=True))
         for channel in self.made:
             for driver, form, shape in drivers(self.about):
-                if channel != "torque" or driver in OUTSIDE:
+                if channel != "torque" or driver in responses.OUTSIDE:
                     columns = self._columns({channel: shape[:, None, None] * np.eye(3)})
                     found.append(unknown(driver, f"{channel}, {form}", columns, UNITS[channel], along(channel)))
-        return found
+        return found + [one for channel in self.made if channel != "torque" for one in self._memories(channel)]
+
+    def _memories(self, channel, constants=responses.MEMORY_S):
+        """Candidates in no list of what remembers the drag, whose constant is fitted."""
+        for law, tau, series in memories(self.about, constants):
+
+            def columns(value, law=law):
+                values = next(one for other, _, one in memories(self.about, value) if other == law)
+                return self._columns({channel: values[:, None, None] * np.eye(3)})
+
+            known, bounds = np.array([tau]), (np.array([responses.SHORTEST_S]), np.array([responses.LONGEST_S]))
+            tried, words = np.outer((0.6, 1.0, 1.6), known), f"{channel}, {law.words}"
+            shape = Shape(law.names, ("s",), known, columns, tried, *bounds, words=words)
+            rows = self._columns({channel: series[:, None, None] * np.eye(3)})
+            form = f"{channel}, {law.told(known)}"
+            yield replace(unknown("drag", form, rows, UNITS[channel], along(channel)), shape=shape)
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows of each block that an effect adds beside a record `without` it; a torque stays in there."""
+        if "tau" in entry.values:
+            laws = self._memories(entry.form.partition(", ")[0], [entry.values["tau"]])
+            added = next((one.added(entry) for one in laws if one.form == entry.form), [None] * len(self.blocks))
+            return [
+                np.zeros(b.observed.size) if one is None else one for b, one in zip(self.blocks, added, strict=True)
+            ]
         stays = entry.listed and effect(entry.cause).channel in ("torque_b", "dipole_b")
         return super().response(replace(entry, parameters={}) if stays else entry)
 
@@ -236,7 +218,9 @@ class GradientTorque(Observations):
         linear, angular = np.zeros((2, about.time.size, sensors, 3))
         if not entry.listed:  # a driver in the difference of the sensors, half in each, or in all angular readings
             channel = entry.form.partition(", ")[0]
-            added = added_by(entry, channel, f"{channel}, ", drivers(about))[..., None, :]
+            laws = memories(about, [entry.values["tau"]] if "tau" in entry.values else ())
+            told = (("drag", law.told((tau,)), series) for law, tau, series in laws)
+            added = added_by(entry, channel, f"{channel}, ", itertools.chain(drivers(about), told))[..., None, :]
             if channel == "linear" and sensors == 2:
                 linear += added * np.array([-0.5, 0.5])[:, None]
             elif channel == "attitude":

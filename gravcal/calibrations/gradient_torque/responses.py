@@ -1,0 +1,62 @@
+"""What effects of the catalogue add to the channels of a day of S-GRS, and the drivers in no list."""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from gravcal.effects import Context, Effect, effect
+from gravcal.effects.drivers import MEMORY, Law, products, waves
+from gravcal.effects.gradient import EFFECTS, added_to_channels, reading_of
+
+#: Effects of other families that such a satellite can have.
+LINEAR = tuple(f"accelerometer.{n}" for n in ("scale", "misalignment", "cross_talk", "bias_drift", "temperature"))
+ANGULAR = tuple(f"accelerometer.angular_{name}" for name in ("scale", "misalignment"))
+TORQUE = tuple(f"torque.{name}" for name in ("aerodynamic", "gravity_gradient", "residual_dipole"))
+POINTING = "attitude.star_camera_misalignment"
+#: Drivers that torques do not move: motion answers a torque, and would explain any.
+OUTSIDE = ("latitude", "time")
+MEMORY_S = (100.0, 400.0, 1600.0)  # of the drag, tried
+SHORTEST_S, LONGEST_S = 30.0, 6000.0  # a bin, and what an orbit still shows
+
+
+def effects_of(about: Context, channels: Sequence[str]) -> Iterator[tuple[Effect, int, dict[str, np.ndarray]]]:
+    """Effect, number of the sensor that has it (0: all), and what it adds by each parameter {channel: (n, 3, q)}."""
+    yield from ((entry, 0, added_to_channels(about, entry)) for entry in EFFECTS)
+    for entry in map(effect, LINEAR if "linear" in channels else ()):
+        for sensor, sign in enumerate((-1.0, 1.0)):
+            columns = entry.columns(replace(about, linear_b=reading_of(about, sensor)))
+            yield entry, sensor + 1, {"linear": sign * columns}
+    others = (*ANGULAR, *(TORQUE if "torque" in channels else ()), POINTING)
+    yield from ((entry, 0, added_to_channels(about, entry)) for entry in map(effect, others))
+
+
+def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
+    """Drivers, their forms, and what follows them, (n,) 1 of a size near one: readings, drag, attitude, orbit, time.
+
+    Of the readings of a sensor products: in proportion to them are scale, misalignment and cross-talk.
+    """
+    for sensor in range(len(about.extra["positions"])):
+        reading = reading_of(about, sensor)
+        reading = reading / np.maximum(np.abs(reading).max(axis=0), 1e-300)
+        for words, values in products(reading, "square of {}"):
+            yield "reading", f"{words} of sensor {sensor + 1}", values
+    drag, rate = about.extra["non_gravitational_b"], about.rate_b - about.rate_b.mean(axis=0)
+    for name, values in (("drag", drag), ("rate", rate), ("angular_acceleration", about.rate_dot_b)):
+        for axis, letter in enumerate("xyz"):
+            one = values[:, axis] - values[:, axis].mean()
+            one = one / max(np.abs(one).max(), 1e-300)
+            yield name, f"component {letter}", one
+            yield name, f"square of {letter}", one**2
+    fastest = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
+    argument = np.cumsum(about.rate_b[:, fastest] * np.diff(about.time, prepend=about.time[0]))  # along the orbit
+    yield from (("latitude", *wave) for wave in waves(argument))
+    yield "time", "straight line", (about.time - about.time[0]) / (about.time[-1] - about.time[0]) - 0.5
+
+
+def memories(about: Context, constants: Sequence[float] = MEMORY_S) -> Iterator[tuple[Law, float, np.ndarray]]:
+    """Law, constant s and values (n,) of what remembers a component of the drag, for each of the constants."""
+    for driver, form, drag in drivers(about):
+        if driver == "drag" and form.startswith("component"):
+            law = Law(form, kernel=MEMORY)
+            yield from ((law, t, law.values(about.time, drag, (t,), off=drag, rested=False)[:, 0]) for t in constants)
