@@ -62,10 +62,22 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
         tried = {one.index for one in result.first if one.index >= 0 and result.problem.candidates[one.index].prior}
         covariance = covariance + _over_forms(result.problem, [], tried, (-1, value))[1]
     unseen = _unnamed(result, [one.index for one in kept], value.size)
-    covariance = covariance + sum(unseen.values())
+    covariance = covariance + sum(unseen.values()) + np.diag(_open_means(result, value.size))
     ends = {"shared": value, "covariance": covariance}
     ends = {name: (getattr(result, name)[0], after) for name, after in ends.items()}
     return replace(result, **ends, adopted=adopted, unseen={c: np.sqrt(np.diag(one)) for c, one in unseen.items()})
+
+
+def _open_means(result, width):
+    """Variances (p,) by the means of what was named: a wave about any mean describes the data as well.
+
+    Each is taken to be as large as the wave.
+    """
+    variance = np.zeros(width)
+    for one in result.findings:
+        means = result.problem.candidates[one.index].means
+        np.add.at(variance, [*means], np.nan_to_num(one.value[: len(means)]) ** 2)
+    return variance
 
 
 def left_open(move: np.ndarray, covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:

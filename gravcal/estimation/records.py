@@ -93,6 +93,8 @@ class Candidate:
     spread: np.ndarray | None = None  #: (q, q) covariance of the parameters by the error of the shape, None without
     apart: bool = False  #: True if several forms may act at once, as lines of several frequencies do
     wider: Wider | None = None  #: Wider, candidates that are tried where this one comes near; None without
+    #: numbers of the calibration's parameters that a mean of each of its own, which the form leaves open, would be
+    means: tuple[int, ...] = ()
     of_frame: bool = False  #: True if it turns the frame that the result is given in: its error is none of the result's
 
     @property

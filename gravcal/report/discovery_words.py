@@ -32,7 +32,12 @@ def sentence(one: NamedCause) -> str:
         return f"Power beyond noise that follows nothing: {one.form.removeprefix('excess in the ')}."
     known = {n: p for n, p in one.parameters.items() if p.value is not None}
     if not one.in_catalogue:
-        return f"{_upper(title(one.cause))}: {_law(one.form, known)}."
+        tail = (
+            "; any mean of it is a bias, whose error holds one as large"
+            if any(n.startswith("mean_") for n in known)
+            else ""
+        )
+        return f"{_upper(title(one.cause))}: {_law(one.form, known)}{tail}."
     listed = effects.catalogue().get(one.cause)
     law = [p.name for p in listed.parameters if p.neutral != 0 or p.name in ("time", "frequency")] if listed else []
     stated = _stated({n: p for n, p in known.items() if n not in law}) + [n for n in law if n in known]

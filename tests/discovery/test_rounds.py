@@ -498,6 +498,9 @@ def test_a_driver_that_moves_the_calibration_further_than_its_error_is_not_adopt
         assert abs(error[0]) < 3
         assert (found.shared[1][0] == found.shared[0][0]) != adopted
         assert (found.sigma[1][0] > 10 * found.sigma[0][0]) != adopted
+        waves = [replace(c, means=(0,)) for c in result.problem.candidates]  # of which any mean would be the first
+        wide = delivered(replace(result, problem=replace(result.problem, candidates=waves)), CHOICE, 1).covariance[1]
+        assert wide[0, 0] - found.covariance[1][0, 0] == pytest.approx(result.findings[0].value[0] ** 2)
         other = result.shared[0] + 0.5 * result.sigma[0]  # of records that a first search has left as they are
         found = delivered(replace(result, shared=(other, result.shared[1])), CHOICE, 1)
         assert (found.shared[1][0] == other[0]) != adopted

@@ -27,6 +27,7 @@ REPORTED = {
 READABLE = ("linear", observed_roll.CHANNEL)
 HARMONICS = 4  # of a smooth motion, in what follows it
 #: Epochs round that of the search at which a step is looked for again, in spacings of the search.
+WAVES = ("unknown:attitude", "unknown:latitude")  # about a mean that a roll does not tell from a bias
 NEAR = np.linspace(-1.0, 1.0, 21)
 
 
@@ -135,6 +136,8 @@ class InertialSensor(records.Observations):
         """Candidates over the blocks of both; an effect that both can show acts in both."""
         swung = self._over_all(responses.of_swing(self.swing)) if self.swing else []
         rolled = self._over_all(responses.of_roll(self.roll), self.swung) if self.roll else []
+        biases = tuple(self.parameters.index(name) for name in RollView.parameters[:3]) if self.roll else ()
+        rolled = [replace(one, means=biases) if one.cause in WAVES else one for one in rolled]
         found = {(one.cause, one.form): one for one in swung}
         for one in rolled:
             whole = found.get((one.cause, one.form), one)
@@ -157,6 +160,17 @@ class InertialSensor(records.Observations):
         one = fitted.candidate
         epoch = one.at if np.isfinite(one.at) else records.epoch_of(one.cause)
         return self._steps(epoch, epoch + self.spacing(epoch) * NEAR)
+
+    def physical(self, entry: records.Entry, fitted: records.Fitted) -> records.Entry:
+        """Parameters with the mean of a wave in the linear reading, which no record of one axis tells from a bias."""
+        found = super().physical(entry, fitted)
+        sizes = found.parameters if fitted.candidate.means else {}
+        means = {
+            n.replace("linear", "mean"): records.Parameter(0.0, abs(p.value), p.unit)
+            for n, p in sizes.items()
+            if p.value
+        }
+        return replace(found, parameters=dict(found.parameters) | means)
 
     def response(self, entry: records.Entry) -> list[np.ndarray]:
         """Whitened rows of each block that an effect adds, a step at its own epoch."""

@@ -213,6 +213,7 @@ def roll_without(view: RollView, model: Sequence[Entry]) -> xr.Dataset:
     for entry in model:
         if not entry.listed:
             added += added_by(entry, "linear", f"{CHANNEL} reading, ", rows)
+            added += [entry.values.get(f"mean_{axis}", 0.0) for axis in "xyz"]
             continue
         known = effect(entry.cause)
         if known.channel == "pointing_b":

@@ -1,5 +1,6 @@
 """The whole way: voltages and attitude in, document and page out; several seeds (a larger study: benchmarks)."""
 
+import json
 import shutil
 from functools import partial
 from types import SimpleNamespace
@@ -79,12 +80,20 @@ def test_a_roll_of_few_good_segments_does_not_take_the_swing_with_it(both, setti
 
 
 def test_a_roll_without_a_swing_uses_the_assumed_factors_and_fails_without_good_segments(both, tmp_path):
-    """Contract: the document says so, the swing is left out; where nothing could be delivered the error says why."""
+    """Contract: the document says so, the swing is left out; where nothing could be delivered the error says why.
+
+    Analytic: the mean of a wave, which a model has with its error alone, is an error of the bias.
+    """
     for path in both[0].glob(f"*_{ROLL}_*"):
         (tmp_path / path.name).symlink_to(path)
     document, _ = run(tmp_path)
     assert "swing" not in document
     assert document["roll"]["source"] == "assumed"
+    wave = {"linear_z": {"value": 0.0, "sigma": 0.0}, "mean_z": {"value": 0.0, "sigma": 3e-8}}
+    wave = {"cause": "unknown:latitude", "form": "roll reading, sine of 4 times its argument", "parameters": wave}
+    bias, open_bias = (one["roll"]["bias"] for one in (document, run(tmp_path, model=json.dumps([wave]))[0]))
+    assert open_bias["value"][2] == pytest.approx(bias["value"][2], rel=1e-9)
+    assert open_bias["sigma"][2] == pytest.approx(np.hypot(bias["sigma"][2], 3e-8), rel=1e-6)
     with pytest.raises(EstimationError, match="found 0 usable of 4 segments, expected 3"):
         run(tmp_path, uniformity_limit=1e-5)
 
