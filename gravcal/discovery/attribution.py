@@ -89,33 +89,39 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
     """
     used = np.concatenate([[0], baseline, index])
     grams = grams[:, used[:, None], used]
-    total, both = grams.sum(axis=0), np.arange(1, used.size)
+    there = np.einsum("bqq->bq", grams) > 0
+    single = there.sum(axis=0) == 1
+    single[[0, *range(1 + baseline.size, used.size)]] = False
+    size = np.sqrt(np.einsum("bqq->q", grams)[~single])
+    grams = np.stack([projected(one, np.flatnonzero(own & single)) for one, own in zip(grams, there, strict=True)])
+    grams = grams[:, ~single][:, :, ~single]
+    total, both, fixed = grams.sum(axis=0), np.arange(1, size.size), np.arange(1, size.size - index.size)
 
     def one(block):
         others = total - block
-        share, directions = _shares(block, others, both)
+        share, directions = _shares(block, others, both, size)
         own = np.concatenate([np.zeros((1, np.sum(share < UNSEEN_SHARE))), directions[:, share < UNSEEN_SHARE]])
         crossed = block @ own
         rest = block - crossed @ inverse_of(own.T @ crossed) @ crossed.T
-        return _foretold(rest, others, both) - _foretold(rest, others, both[: baseline.size])
+        return _foretold(rest, others, both, size) - _foretold(rest, others, fixed, size)
 
     return float(sum(one(block) for block in grams))
 
 
-def _shares(one, others, index):
-    """Shares (k,) of the information that the others have along independent directions (n, k) of some columns."""
-    whitening = root_of((one + others)[np.ix_(index, index)], 1e-9)
+def _shares(one, others, index, size):
+    """Shares (k,) of the information that the others have along independent directions (n, k) of columns of sizes."""
+    whitening = root_of((one + others)[np.ix_(index, index)], 1e-9, size[index])
     share, turned = np.linalg.eigh(whitening.T @ others[np.ix_(index, index)] @ whitening)
     return np.clip(share, 0.0, 1.0), whitening @ turned
 
 
-def _foretold(one, others, index):
+def _foretold(one, others, index, size):
     """Twice the log likelihood of a block predicted by the others, beyond that of a prediction of zero.
 
     Along a direction in which the others have the share m of the information, block and others estimate
     b / (1 - m) and p, with the variances 1 / (1 - m) and 1 / m.
     """
-    share, directions = _shares(one, others, index)
+    share, directions = _shares(one, others, index, size)
     seen = (share > UNSEEN_SHARE) & (share < 1 - 1e-9)
     m, directions = share[seen], directions[:, seen]
     b, p = directions.T @ one[index, 0], directions.T @ others[index, 0] / m
