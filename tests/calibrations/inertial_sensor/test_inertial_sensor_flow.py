@@ -196,14 +196,14 @@ def one(estimate):
     return {name: [value] for name, value in estimate.items()}
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def both(tmp_path_factory):
     """Folder with both days, and the truth."""
     folder = tmp_path_factory.mktemp("both")
     return folder, simulated(folder)
 
 
-@pytest.fixture(scope="session")
+@pytest.fixture(scope="module")
 def delivered(both, tmp_path_factory):
     """Document and page; truth; document of the published method; store."""
     store = tmp_path_factory.mktemp("store")
