@@ -129,8 +129,11 @@ def line_gains(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], c
             rows, waves, own = _waves(problem, i, channel, axis, grid)
             if waves is None:
                 continue
-            cross = waves(problem.columns[i].of(baseline)[rows])
-            inner, right = own - cross @ inverse @ cross.swapaxes(1, 2), waves(rest[i][rows])
+            columns = problem.columns[i].of(baseline)[rows]
+            there = np.flatnonzero(columns.any(axis=0))
+            cross = waves(columns[:, there])
+            part = (cross.reshape(2 * grid.size, there.size) @ inverse[np.ix_(there, there)]).reshape(cross.shape)
+            inner, right = own - part @ cross.swapaxes(1, 2), waves(rest[i][rows])
             a, b, c = (inner[:, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
             both = c * right[:, 0] ** 2 - 2 * b * right[:, 0] * right[:, 1] + a * right[:, 1] ** 2
             gain[axis] += both / (a * c - b**2)
