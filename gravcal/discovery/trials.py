@@ -95,7 +95,7 @@ def widened(problem: Problem, rows: list[Trial]) -> Problem:
     for trial in near:
         wider = problem.candidates[trial.index].wider
         if wider is not None and wider.key not in made and len(made) < AT_ONCE:
-            made[wider.key] = wider()
+            made[wider.key] = wider.made()
     more = [one for some in made.values() for one in some]
     if not more:
         return problem

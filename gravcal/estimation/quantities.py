@@ -19,7 +19,7 @@ SCHEMA = {
     "quantity_value": {"dims": "quantity", "units": "1", "long_name": "number, in the unit that the result states"},
     "quantity_text": {"dims": "quantity", "dtype": "str", "long_name": "text"},
 }
-#: How records are dumped.
+#: How pydantic dumps records.
 AS_TABLES = {"exclude_defaults": True, "warnings": False}
 
 
@@ -35,7 +35,7 @@ def tabled(found: Any, result: Any) -> Any:
 
 @functools.cache
 def _adapter(kind):
-    from pydantic import TypeAdapter  # as long to import as a run that finds everything takes
+    from pydantic import TypeAdapter  # 30 ms that a run which finds everything need not wait
 
     return TypeAdapter(kind)
 

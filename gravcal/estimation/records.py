@@ -72,10 +72,6 @@ class Wider:
     key: tuple[str, ...]
     made: "Callable[[], list[Candidate]]"
 
-    def __call__(self) -> "list[Candidate]":
-        """Candidates."""
-        return self.made()
-
 
 @dataclass(frozen=True)
 class Candidate:

@@ -90,11 +90,8 @@ def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
         outcome = replace(outcome, calibration_change=change)
         body = {name: one for name, one in tables_of(outcome).items() if name not in ("readings", "expected")}
         body["calibration_change"] |= {"joint_fit": tables_of(joint)} if combined else {}
-    body = {
-        "status": "delivered" if outcome else "no_manoeuvre",
-        "kind": "discovery",
-        "verdict": {"text": words.verdict(outcome)},
-    } | body
+    status = "delivered" if outcome else "no_manoeuvre"
+    body = {"status": status, "kind": "discovery", "verdict": {"text": words.verdict(outcome)}} | body
     about = {"event": event, "settings": settings}
     return documents.delivered(calibration, body, {"discovery": found}, checks, **about), outcome
 
