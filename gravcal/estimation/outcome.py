@@ -4,7 +4,7 @@ Names are those of the result document and of the quantities in the product; wha
 it has it. A number is None where the data determine none.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -40,8 +40,8 @@ class Unexplained:
     """What is left where the extended model is not adequate."""
 
     p: float | None = None
-    bands: tuple[Band, ...] = ()  #: the least likely
-    scans: tuple[Peak, ...] = ()
+    bands: Sequence[Band] = ()  #: the least likely
+    scans: Sequence[Peak] = ()
 
 
 @dataclass(frozen=True)
@@ -87,7 +87,7 @@ class HeldoutGain:
 class NamedCause(Entry):
     """A cause that was named."""
 
-    tied_with: tuple[str, ...]
+    tied_with: Sequence[str]
     adopted: bool  #: into the calibration that is delivered
     in_catalogue: bool
     model: Mapping[str, Parameter]  #: parameters as a model takes it out
@@ -95,8 +95,8 @@ class NamedCause(Entry):
     level: float
     heldout: str  #: "manoeuvres" or "blocks"
     heldout_gain: HeldoutGain
-    separation: tuple[Separation, ...]
-    imitators: tuple[Imitator, ...]
+    separation: Sequence[Separation]
+    imitators: Sequence[Imitator]
 
     @property
     def entries(self) -> list[Entry]:
@@ -108,7 +108,7 @@ class NamedCause(Entry):
 class Change:
     """Parameters of the calibration before and after the search, in their reported unit."""
 
-    names: tuple[str, ...]
+    names: Sequence[str]
     unit: str
     variant: str
     before: Numbers
@@ -117,7 +117,7 @@ class Change:
     sigma_after: Numbers
     change: Numbers
     change_in_old_sigma: Numbers
-    covariance_of_findings: tuple[Numbers, ...]
+    covariance_of_findings: Sequence[Numbers]
     correction: Numbers  #: what the calibration of the records without the model lacks
     epoch: float | None = None  #: s, at which what moves is given
 
@@ -162,7 +162,7 @@ class Limit:
     signal_to_noise: float | None
     confirmed: bool | None  #: by the search itself
     alone_from: float | None  #: size from which it is tied with nothing
-    confused_with: tuple[str, ...]
+    confused_with: Sequence[str]
     bias: Numbers | None  #: of the result just below, or of the plausible size where it is not seen at all
     bias_in_sigma: float | None
 
@@ -181,7 +181,7 @@ class Shown:
 class Readings:
     """Readings that are shown, and periods s over which they may be folded."""
 
-    shown: tuple[Shown, ...]
+    shown: Sequence[Shown]
     periods: Numbers
 
 
@@ -196,16 +196,16 @@ class Outcome:
     p_quiet_before: float  #: of so little power
     p_quiet_after: float
     level: float
-    outliers: tuple[Outlier, ...]
-    findings: tuple[NamedCause, ...]
-    indistinguishable_from_calibration: tuple[Unobservable, ...]
+    outliers: Sequence[Outlier]
+    findings: Sequence[NamedCause]
+    indistinguishable_from_calibration: Sequence[Unobservable]
     unexplained: Unexplained
     calibration_change: Change
     gain: Gain
-    tried: tuple[Tried, ...]
+    tried: Sequence[Tried]
     expected: Mapping[str, Numbers]  #: {parameter: value, largest distance from it}
-    weighed: tuple[Weighed, ...] = ()
-    limits: tuple[Limit, ...] | None = None  #: None where they were not looked for
+    weighed: Sequence[Weighed] = ()
+    limits: Sequence[Limit] | None = None  #: None where they were not looked for
     readings: Readings | None = None
 
 

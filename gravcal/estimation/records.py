@@ -10,7 +10,7 @@ import numpy as np
 
 from gravcal.estimation import quantities
 
-Numbers = tuple[float | None, ...]  # None where the data determine none
+Numbers = Sequence[float | None]  # None where the data determine none
 
 
 @dataclass(frozen=True)

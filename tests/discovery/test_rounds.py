@@ -319,6 +319,8 @@ def test_the_correction_is_what_the_records_without_the_model_lack(kind):
     found = discover(kind(hidden, [replace(first, columns=columns)]), Limits(0.005, 9.0, 4, 15.0, 1))
     outcome = outcome_of(found)
     assert [one.adopted for one in outcome.findings] == [True]
+    assert "/findings/0/heldout" in found["quantity"].values
+    assert not {"/findings/0/waves", "/findings/0/parameters/size/correlation"} & {*found["quantity"].values}  # empty
     change = outcome.calibration_change
     assert abs(change.change[0]) > 0.1
     assert change.correction[0] == pytest.approx(0.0 if kind is Invented else change.change[0], abs=1e-9)
