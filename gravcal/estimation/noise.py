@@ -534,6 +534,45 @@ def _spectrum(segments, axis, parts):
 JUMPS = 24  # in a series that are no noise, at most
 SIDES = (2, 4, 8, 16)  # samples on either side of a jump that are compared
 CLEAR = 5.0  # robust standard deviations of what noise makes of that
+REACH, DECAYS, SHARED = 30, (1.0, 3.0, 9.0), 1e-4  # samples; chance of so much in common, from which it is
+
+
+@dataclass(frozen=True)
+class Common:
+    """Noise that an axis has in common with another, as a filter of the other: an error of a rate is in both."""
+
+    axis: int
+    other: int
+    weights: np.ndarray  #: (2 REACH + 1,) 1
+
+    def taken_out(self, values: np.ndarray, sign: float = -1.0) -> np.ndarray:
+        """Values (n, 3, ...) without it, linearly, or with it again; zeros where none are known."""
+        shared, values = correlate1d(values[:, self.other], self.weights, axis=0, mode="constant"), values.copy()
+        values[:, self.axis] += sign * shared
+        return values
+
+
+def in_common(left: np.ndarray, order: int) -> list[Common]:
+    """What weaker axes of a series (n, 3) have in common with stronger ones, to be taken out one after the other.
+
+    Filters that decay over a few samples to tens of them, even and odd in time, fitted to the whitened weaker axis.
+    """
+    lag = np.arange(-REACH, REACH + 1.0)
+    decays = [np.exp(-np.abs(lag) / decay) for decay in DECAYS]
+    shapes = np.stack([*decays, *(np.sign(lag) * one for one in decays)])
+    axes, good, found = np.argsort(-np.nanvar(left, axis=0)), np.isfinite(left).all(axis=1), []
+    left = np.where(good[:, None], left, 0.0)
+    for weaker, other in ((a, b) for k, a in enumerate(axes) for b in axes[:k]):
+        model = fit_noise([np.where(good, left[:, weaker], np.nan)], order, 1.0)
+        filtered = [correlate1d(left[:, other], one, mode="constant") for one in shapes]
+        columns, observed = (whiten(model, one, good) for one in (np.stack(filtered, axis=1), left[:, weaker]))
+        size = np.linalg.lstsq(columns, observed, rcond=1e-8)[0]
+        if chdtrc(len(shapes), np.sum((columns @ size) ** 2)) < SHARED:
+            found.append(Common(int(weaker), int(other), size @ shapes))
+            left = found[-1].taken_out(left)
+    return found
+
+
 QUARTILE = 0.3186  # of the size of a normal deviate: a quarter of all differences has no jump, where half may have one
 
 

@@ -101,7 +101,10 @@ def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_p
     unit = gravity.tesseral_gradient_e(about["position_e"], 5, 3)[:, 0]
     expected = -1e-6 * np.matvec(gravity.rotate_tensor(about["R_be"], unit), about["positions"][0])
     assert np.allclose(moved[:, 0], expected, atol=1e-3 * np.abs(expected).max())
-    law, sizes = "linear, a memory of component x, tau 300 s", {"linear_z": Parameter(1e-10), "tau": Parameter(300.0)}
+    law, sizes = (
+        "linear, a memory of component x, tau 300 s",
+        {"linear_z": Parameter(1e-10, None, "m s-2"), "tau": Parameter(300.0, None, "s")},
+    )
     memory = Entry("unknown:drag", law, sizes)
     for one in (entry, memory):
         assert sum(np.sum(rows**2) for rows in observed.response(one)) > 100

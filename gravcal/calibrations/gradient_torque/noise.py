@@ -29,6 +29,7 @@ class Channel:
     time: np.ndarray  #: (m,) s
     good: np.ndarray  #: (m,) bool, bins with data
     models: tuple = ()  #: noise models of the axes, none for the attitude
+    common: tuple = ()  #: noise that axes have in common, taken out of the weaker ones before they are whitened
     level: noise.Levels | None = None  #: (m, 3) amplitude of these in each bin
     R_bi: np.ndarray | None = None  #: (m, 3, 3) of the bins of the attitude, None for the others
     stretches: tuple = ()  #: (begin, end, (3 k, 3 k) rad Cholesky factor of the noise) of the attitude
@@ -38,6 +39,7 @@ class Channel:
         """Rows (n, q) of what is added at the epochs, (epochs, 3, q) m s-2, N m, rad s-2 of the angular reading."""
         bins = np.nan_to_num(means(added, self.width))
         if self.models:
+            bins = without_common(self.common, bins, self.good)
             rows = [noise.whiten(model, bins[:, k], self.good) for k, model in enumerate(self.models)]
             return np.concatenate(rows) / self.level.value.T.reshape(-1, 1)
         angle = [integrated(self.time[b:e], self.R_bi[b:e], bins[b:e]) for b, e, _ in self.stretches]
@@ -58,7 +60,10 @@ class Channel:
             return np.concatenate(angles).reshape(-1, 3, rows.shape[1])
         parts = rows.reshape(3, self.time.size, -1) * self.level.value.T[:, :, None]
         each = [noise.unwhiten(model, part, self.good) for model, part in zip(self.models, parts, strict=True)]
-        return np.stack(each, axis=1)
+        together = np.nan_to_num(np.stack(each, axis=1))
+        for one in reversed(self.common):
+            together = one.taken_out(together, 1.0)
+        return np.where(self.good[:, None, None], together, np.nan)
 
     def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time s and axis of the rows, and the time by which they belong to a block: a stretch to that it begins in."""
@@ -76,6 +81,14 @@ class Channel:
         start = R_bi @ np.broadcast_to(R_bi[0].T, R_bi.shape)
         rate = kinematics.angle_from_rate_change(self.time[begin:end], R_bi, np.broadcast_to(np.eye(3), R_bi.shape))
         return solve_triangular(lower, np.concatenate([start, rate], axis=2).reshape(-1, 6), lower=True)
+
+
+def without_common(common: Sequence[noise.Common], bins: np.ndarray, good: np.ndarray) -> np.ndarray:
+    """Bins (m, 3, q) without the noise that axes have in common, zero where there are no data (m,)."""
+    bins = np.where(good[:, None, None], bins, 0.0)
+    for one in common:
+        bins = one.taken_out(bins)
+    return bins
 
 
 def _width(time, bin_s):
@@ -106,11 +119,14 @@ def coloured(time, series, columns, effects, bin_s, order) -> Channel:
     for axis in range(3 if effects else 0):
         found = noise.jumps(lambda places, a=axis, b=beside: np.nan_to_num(clean(_with_jumps(b, a, places))[:, a]))
         beside = _with_jumps(beside, axis, found)
+    common = tuple(noise.in_common(clean(beside), order)) if effects else ()
+    left = np.where(good[:, None], without_common(common, bins[:, :, :1], good)[:, :, 0], np.nan)
+    beside = without_common(common, beside, good)
     models = tuple(noise.fit_detrended([left], noise.beside([left], [beside]), order, bin_s))
     rest = clean(beside)
     white = np.stack([noise.whiten(model, rest[:, k], good) for k, model in enumerate(models)], axis=1)
     level = noise.changing_levels(np.where(good[:, None], white, np.nan), beside.shape[2] / 3)
-    channel = Channel(width, means(time, width), good, models, level)
+    channel = Channel(width, means(time, width), good, models, common, level)
     return replace(channel, rows=channel.whitened(observed))
 
 
