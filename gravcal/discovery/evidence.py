@@ -45,6 +45,10 @@ class Event:
     size: np.ndarray  #: (1 + p + q,) norm of the columns, to which what is seen is compared
     causes: Sequence[Cause]
     measured: Mapping[str, float] = field(default_factory=dict)  #: quantities of the event that a cause may follow
+    parameters: Sequence[str] = ()  #: (p,) of the calibration
+    unit: str = ""  #: in which these are reported
+    scale: Sequence[float] = ()  #: (p,) factor from SI to that unit
+    common: Sequence[float] = ()  #: (p,) SI, error that all events share and none shows
 
 
 def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dataset:
@@ -128,7 +132,8 @@ def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Even
         order = np.array(index)
         start, gram = np.array(numbers["start"]), product["gram"].values[np.ix_(order, order)]
         size = product["size"].values[order]
-        found.append(Event(name, numbers["time"], start, gram, size, causes, numbers["measured"]))
+        of_result = (numbers[word] for word in ("measured", "parameters", "unit", "scale", "common"))
+        found.append(Event(name, numbers["time"], start, gram, size, causes, *of_result))
     first = found[0].causes
     if any([(c.slug, c.form) for c in one.causes] != [(c.slug, c.form) for c in first] for one in found):
         refuse("joint search", "causes in different orders", "one order", "Make the evidence of all events again.")

@@ -9,7 +9,7 @@ priors of the catalogue, as in a single event (`model_average`).
 """
 
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -44,6 +44,28 @@ class Law:
 
 
 @dataclass(frozen=True)
+class Tie:
+    """How well all events tell a cause that was found from another."""
+
+    cause: str  #: the other
+    expected_chi2: float  #: between them
+    observed: float  #: twice the logarithm of the odds against the other
+    single: float  #: chi-square expected of the best single event
+    event: str  #: that decides
+    tied: bool
+
+
+@dataclass(frozen=True)
+class Contradiction:
+    """An event that the others do not foretell."""
+
+    event: str
+    chi2: float
+    dof: int
+    p: float  #: probability of as much in any event by chance
+
+
+@dataclass(frozen=True)
 class Named:
     """A cause that was found, with its law and its values."""
 
@@ -55,9 +77,7 @@ class Named:
     heldout: float  #: twice the log likelihood gained in each event as all others predict it; NaN of one event
     value: np.ndarray  #: (k, q)
     sigma: np.ndarray  #: (k, q)
-    #: {"cause", "expected_chi2", "observed", "single", "event", "tied"} of other causes: chi-square between them, that
-    #: of the best single event, and the event that decides
-    ties: Sequence[Mapping] = ()
+    ties: Sequence[Tie] = ()  #: with other causes
     #: (n, q, 2) value and error in each event, NaN where it shows none; chi-square and freedom of one value for all
     apart: tuple[np.ndarray, float, int] | None = None
 
@@ -71,7 +91,7 @@ class Result:
     offset: np.ndarray  #: (n, p) SI, parameters of the calibration in each event
     spread: np.ndarray  #: (n, p, n, p) SI, covariance of these
     alone: np.ndarray  #: (n, p, 2) SI, value and error without any cause
-    contradicting: Sequence[Mapping]  #: {"event", "chi2", "dof", "p"} that others do not foretell
+    contradicting: Sequence[Contradiction]
     tried: int  #: laws tried in a round
 
 
@@ -409,7 +429,7 @@ class Search:
             if one.name in names:
                 laws = [law if law.scope == "event" or one.name in _alone(law) else self.apart(law, k) for law in laws]
         return laws, [
-            {"event": name, "chi2": chi2, "dof": dof, "p": min(1.0, float(np.exp(log_p)) * count)}
+            Contradiction(name, chi2, dof, min(1.0, float(np.exp(log_p)) * count))
             for name, chi2, dof, log_p in rows
             if name in names
         ]
@@ -438,11 +458,10 @@ class Search:
                 continue
             single = [attribution.misfit(b, mine, one.value.ravel(), theirs, size) for b in both]
             share = self._share(both, np.arange(1, first), mine, theirs)
-            words = {"cause": cause.slug, "expected_chi2": max(expected, 0.0), "observed": float(observed)}
-            words |= {"single": float(max(single)), "event": self.events[int(np.argmax(share))].name}
-            found.append(words | {"tied": bool(expected < self.tie or observed < self.tie)})
-        found.sort(key=lambda row: min(row["expected_chi2"], row["observed"]), reverse=True)
-        return sorted({row["cause"]: row for row in found}.values(), key=lambda row: row["expected_chi2"])
+            decides, tied = self.events[int(np.argmax(share))].name, bool(expected < self.tie or observed < self.tie)
+            found.append(Tie(cause.slug, max(expected, 0.0), float(observed), float(max(single)), decides, tied))
+        found.sort(key=lambda row: min(row.expected_chi2, row.observed), reverse=True)
+        return sorted({row.cause: row for row in found}.values(), key=lambda row: row.expected_chi2)
 
     @staticmethod
     def _share(both, baseline, mine, theirs):

@@ -3,7 +3,7 @@
 import datetime
 import itertools
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 import xarray as xr
@@ -11,7 +11,6 @@ import xarray as xr
 from gravcal import toml
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.moving import YEAR_S, Moving, moving
-from gravcal.estimation.quantities import result_of
 from gravcal.report import discovery_words as words
 from gravcal.report import documents, pages
 from gravcal.report.discovery import parameter_rows
@@ -38,8 +37,8 @@ def report(search, products, *, history, settings, calibration, event, satellite
     `products` are {event: evidence}, `history` {"trims": [{"date", "axis", "size", "confirmed"}], "printed": [{"time",
     "parameter", "value", "sigma"}]}, `settings` the configuration and the events left out with the reason.
     """
-    result, known = search.run(), result_of(next(iter(products.values())))
-    scale, names, unit = np.array(known["scale"]), known["parameters"], known["unit"]
+    result, known = search.run(), search.events[0]
+    scale, names, unit = np.array(known.scale), list(known.parameters), known.unit
     time = np.array([one.time for one in search.events])
     value, spread = result.offset * scale, result.spread * np.multiply.outer(scale, np.ones((len(time), 1))) * scale
     moves, shared = {}, set.intersection(*(set(one.measured) for one in search.events))
@@ -48,7 +47,7 @@ def report(search, products, *, history, settings, calibration, event, satellite
         steps = sorted(seconds(t["date"]) for t in history["trims"] if t["axis"] == name)
         moves[name] = moving(time, value[:, k], spread[:, k, :, k], steps, fuel)
     left_out, sigma = [one.left_out() for one in moves.values()], np.sqrt(np.einsum("ipip->ip", spread))
-    contradicting = list(result.contradicting)
+    contradicting = [asdict(one) for one in result.contradicting]
     for name, scores in zip(names, left_out, strict=True) if len(time) > 3 else ():  # that the motion does not foretell
         for one, away in zip(search.events, scores, strict=True):
             chance = float(np.exp(chi2_tail.log_tail(away**2, 1))) * len(time) * len(names)
@@ -59,7 +58,7 @@ def report(search, products, *, history, settings, calibration, event, satellite
         row = {"event": one.name, "time": one.time, "value": value[k], "sigma": sigma[k]}
         row |= {name: scale * result.alone[k, :, n] for n, name in enumerate(("alone", "sigma_alone"))}
         rows.append(row | {"left_out": [away[k] for away in left_out], "measured": dict(one.measured)})
-    common = scale * np.array(known["common"])
+    common = scale * np.array(known.common)
     body = {
         "status": "delivered",
         "kind": "joint",
@@ -138,9 +137,9 @@ def _cause(search, one) -> dict:
         "significance": one.significance,
         "evidence": one.score,
         "heldout": number(one.heldout),
-        "tied_with": [row["cause"] for row in one.ties if row["tied"]],
-        "broken": [row for row in one.ties if not row["tied"]],
-        "separation": list(one.ties),
+        "tied_with": [row.cause for row in one.ties if row.tied],
+        "broken": [asdict(row) for row in one.ties if not row.tied],
+        "separation": [asdict(row) for row in one.ties],
     }
 
 

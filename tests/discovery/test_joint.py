@@ -2,6 +2,7 @@
 
 import json
 import tomllib
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -12,7 +13,6 @@ from flows import discover as watching
 from gravcal.discovery import evidence, joint
 from gravcal.effects import effect
 from gravcal.estimation import moving
-from gravcal.estimation.quantities import tabled
 from gravcal.report import joint as report
 
 RNG_LEVEL = 1e-4
@@ -106,10 +106,10 @@ def test_an_error_that_all_events_may_share_is_no_cause_and_is_in_its_error(dela
 def test_events_break_a_tie_that_each_of_them_leaves(rng):
     """Two causes that no single event tells apart are told apart by all, and stay tied where nothing could."""
     (one,) = joint.Search(events(rng, LAWS["tied"], alike=1.0), 0.005, 9.0, 4).run().named
-    (tie,) = [row for row in one.ties if row["cause"] == SLUGS[1]]
-    assert (SLUGS[one.law.cause], tie["tied"], tie["single"] < 9 < tie["expected_chi2"]) == (SLUGS[0], False, True)
+    (tie,) = [row for row in one.ties if row.cause == SLUGS[1]]
+    assert (SLUGS[one.law.cause], tie.tied, tie.single < 9 < tie.expected_chi2) == (SLUGS[0], False, True)
     (hard,) = joint.Search(events(rng, LAWS["tied"], alike=0.01), 0.005, 9.0, 4).run().named
-    assert [row["cause"] for row in hard.ties if row["tied"]] == [SLUGS[1 - hard.law.cause]]
+    assert [row.cause for row in hard.ties if row.tied] == [SLUGS[1 - hard.law.cause]]
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_events_break_a_tie_that_each_of_them_leaves(rng):
 def test_events_that_contradict_are_named_each_and_move_no_other(law, days, values, rng):
     """They have values of their own: three of sixteen do not make a cause that is different in all."""
     found = joint.Search(events(rng, LAWS[law]), 0.005, 9.0, 4).run()
-    assert sorted(row["event"] for row in found.contradicting) == [f"grace-c-2020-{day}" for day in days]
+    assert sorted(row.event for row in found.contradicting) == [f"grace-c-2020-{day}" for day in days]
     (one,) = found.named
     assert one.value[:, 0] == pytest.approx([0.05, *values], abs=0.03)
 
@@ -148,9 +148,9 @@ def test_a_step_that_nobody_told_of_is_found(rng):
 
 def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):
     """Written, read as any model, with the values of the day; and what a later search changed is said."""
-    made = events(rng, LAWS["epochs"])
-    numbers = {"scale": [1e6] * 3, "common": [0.0] * 3, "parameters": ["x", "y", "z"], "unit": "um"}
-    products = {one.name: tabled(xr.Dataset(attrs={"origin": "simulated"}), numbers) for one in made}
+    offset = {"scale": [1e6] * 3, "common": [0.0] * 3, "parameters": ["x", "y", "z"], "unit": "um"}
+    made = [replace(one, **offset) for one in events(rng, LAWS["epochs"])]
+    products = {one.name: xr.Dataset(attrs={"origin": "simulated"}) for one in made}
     about = {"history": {"trims": [], "printed": []}, "settings": {"configuration": "operational", "left_out": {}}}
     about |= {"calibration": "com_offset", "event": "grace-c", "satellite": "C"}
     _, files = report.report(joint.Search(made, 0.005, 9.0, 4), products, **about)
