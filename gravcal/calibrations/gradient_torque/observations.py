@@ -111,6 +111,11 @@ class GradientTorque(Observations):
     contiguous = True
 
     @functools.cached_property
+    def quiet(self) -> dict[str, float]:
+        """Bins of the difference of the sensors, whose noise is measured beside all that is looked for in it."""
+        return {name: float(one.good.sum()) for name, one in self.made.items() if name == "linear"}
+
+    @functools.cached_property
     def _places(self) -> list[dict[str, np.ndarray]]:
         """Numbers of the rows of each channel in each block."""
         time = self.about.time
