@@ -1,8 +1,8 @@
 """Gravity of the Earth: point mass and flattening along an orbit in i, fields of full degree in the Earth-fixed frame.
 
 A derivative of a series of solid harmonics is again such a series, one degree higher. So the coefficients are
-differentiated, once, and one compiled sum serves potential, acceleration and all six second derivatives; each of the
-six has coefficients of its own, so that the trace is a test and not a construction.
+differentiated, twice, and one compiled sum serves all six second derivatives; each of the six has coefficients of its
+own, so that the trace is a test and not a construction.
 
 The series share one recursion. With x' = x R/r2, z' = z R/r2, q' = R2/r2 and for every order m
 
@@ -14,7 +14,8 @@ J. Geodesy 76, eqs. 11-13, with the powers of sin(colatitude) in (x' + i y')^m. 
 recursion and the sum over n, a product of matrices for a block of points.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numba import njit
@@ -22,52 +23,40 @@ from numba import njit
 from gravcal.physics import check_shape, refuse
 from gravcal.physics.constants import EARTH_RADIUS, GM, J2
 
-NORTH = (0.0, 0.0, 1.0)  # the z axis of i; the pole of date differs by 20 arcseconds a year, 1e-7 of the J2 term
+NORTH = np.array([0.0, 0.0, 1.0])  # the z axis of i; the pole of date: 20 arcseconds a year, 1e-7 of the J2 term
 
 
-def acceleration_i(position_i, j2=J2, pole_i=NORTH):
-    """Gravitational acceleration of point mass and J2.
-
-    Parameters
-    ----------
-    position_i : (..., 3) m, from the Earth's centre
-    j2 : float, 0 for a point mass
-    pole_i : (3,) unit vector of the figure axis
-
-    Returns
-    -------
-    acceleration_i : (..., 3) m s-2
+def acceleration_i(position_i):
+    """Gravitational acceleration (..., 3) m s-2 of point mass and J2 at positions (..., 3) m from the Earth's centre.
 
     Notes
     -----
     g = -mu r/r^3 - 3/2 J2 mu R^2/r^5 [(1 - 5 z^2/r^2) r + 2 z k], z = r.k; Montenbruck and Gill 2000, eq. 3.29 ff.
     """
-    r, k = check_shape("position_i", position_i, (..., 3)), check_shape("pole_i", pole_i, (3,))
-    distance = _distance(r)[..., None]
-    z = (r @ k)[..., None]
-    factor = -1.5 * j2 * GM * EARTH_RADIUS**2 / distance**5
-    return -GM * r / distance**3 + factor * ((1 - 5 * z**2 / distance**2) * r + 2 * z * k)
+    r = check_shape("position_i", position_i, (..., 3))
+    distance, z = _distance(r)[..., None], r[..., 2:]
+    factor = -1.5 * J2 * GM * EARTH_RADIUS**2 / distance**5
+    return -GM * r / distance**3 + factor * ((1 - 5 * z**2 / distance**2) * r + 2 * z * NORTH)
 
 
-def gradient_i(position_i, j2=J2, pole_i=NORTH):
+def gradient_i(position_i):
     """Gravity-gradient tensor dg/dr (..., 3, 3) s-2 of point mass and J2, symmetric, without trace.
 
-    All elements are computed from their own terms; arguments as of acceleration_i.
+    All elements are computed from their own terms; positions as of acceleration_i.
 
     Notes
     -----
     G = mu/r^3 (3 e e^T - 1) (equations.md section 1) plus the derivative of the J2 term of acceleration_i.
     """
-    r, k = check_shape("position_i", position_i, (..., 3)), check_shape("pole_i", pole_i, (3,))
-    d = _distance(r)[..., None, None]
-    z = (r @ k)[..., None, None]
+    r, k = check_shape("position_i", position_i, (..., 3)), NORTH
+    d, z = _distance(r)[..., None, None], r[..., 2, None, None]
     one, rr = np.eye(3), r[..., :, None] * r[..., None, :]
     rk = r[..., :, None] * k
     point_mass = GM / d**3 * (3 * rr / d**2 - one)
     u = z / d
     even = (1 - 5 * u**2) * one - (5 - 35 * u**2) * rr / d**2 + 2 * k[:, None] * k
     mixed = 10 * u / d * (rk + rk.swapaxes(-1, -2))
-    return point_mass - 1.5 * j2 * GM * EARTH_RADIUS**2 / d**5 * (even - mixed)
+    return point_mass - 1.5 * J2 * GM * EARTH_RADIUS**2 / d**5 * (even - mixed)
 
 
 def rotate_tensor(R_ab, tensor_b):
@@ -101,33 +90,17 @@ class Field:
     cosine_sigma: np.ndarray | None = None  #: (n + 1, n + 1) 1, standard deviations, zero where not given
     sine_sigma: np.ndarray | None = None  #: (n + 1, n + 1) 1
     name: str = ""
-    tables: dict = field(default_factory=dict, repr=False, compare=False)
 
     @property
     def degree(self) -> int:
         """Highest degree."""
         return self.cosine.shape[0] - 1
 
-
-def potential_e(field, position_e):
-    """Gravitational potential (...,) m2 s-2, positive, of a Field at positions (..., 3) m in the frame of the Field.
-
-    Notes
-    -----
-    U = GM/R sum_nm (R/r)^(n+1) P_nm(sin phi) [C_nm cos(m lambda) + S_nm sin(m lambda)]; Barthelmes 2013, GFZ
-    STR09/02, eq. 108. g = +grad U.
-    """
-    return _sums(field, position_e, ("",))[..., 0]
-
-
-def acceleration_e(field, position_e):
-    """Gravitational acceleration (..., 3) m s-2 of a Field at positions (..., 3) m.
-
-    Notes
-    -----
-    g = grad U, from coefficients differentiated once: Cunningham 1970, Celest. Mech. 2, 207, normalised.
-    """
-    return _sums(field, position_e, ("x", "y", "z"))
+    @cached_property
+    def tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Arguments of `sum_series` for the six second derivatives."""
+        once = {axis: derivative(self.cosine - 1j * self.sine, axis) for axis in "xyz"}
+        return kernel_tables([derivative(once[first], second) for first, second in PAIRS])
 
 
 def gradient_e(field, position_e):
@@ -135,9 +108,16 @@ def gradient_e(field, position_e):
 
     Notes
     -----
-    G = grad grad U, from coefficients differentiated twice: Cunningham 1970, Celest. Mech. 2, 207, normalised.
+    U = GM/R sum_nm (R/r)^(n+1) P_nm(sin phi) [C_nm cos(m lambda) + S_nm sin(m lambda)]; Barthelmes 2013, GFZ
+    STR09/02, eq. 108. G = grad grad U, from coefficients differentiated twice: Cunningham 1970, Celest. Mech. 2, 207.
     """
-    six = _sums(field, position_e, PAIRS)
+    position = check_shape("position_e", position_e, (..., 3))
+    if not np.all(np.einsum("...i,...i->...", position, position) > 1e10):
+        refuse("position_e", "a point within 100 km of the centre or not finite", "positions in metres", "Convert it.")
+    if field.degree > LIMIT:
+        refuse(field.name or "field", f"degree {field.degree}", f"at most {LIMIT}", "Use truncated(field, 0, n).")
+    sums = sum_series(np.ascontiguousarray(position.reshape(-1, 3) / field.radius), *field.tables)
+    six = (field.gm / field.radius**3 * sums).reshape(*position.shape[:-1], len(PAIRS))
     return six[..., [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
 
 
@@ -191,26 +171,6 @@ def error_covariance(field, distance):
     mixed = n * (n + 1) * (n + 2) ** 2 / 2
     shear = (n - 1) * n * (n + 1) * (n + 2) / 8
     return tuple(float(np.sum(weight * factor)) for factor in (radial, mixed, shear))
-
-
-def _sums(field, position_e, derivatives):
-    """Series of the named derivatives at each position, in SI."""
-    position = check_shape("position_e", position_e, (..., 3))
-    if not np.all(np.einsum("...i,...i->...", position, position) > 1e10):
-        refuse("position_e", "a point within 100 km of the centre or not finite", "positions in metres", "Convert it.")
-    if field.degree > LIMIT:
-        refuse(field.name or "field", f"degree {field.degree}", f"at most {LIMIT}", "Use truncated(field, 0, n).")
-    flat = np.ascontiguousarray(position.reshape(-1, 3) / field.radius)
-    if derivatives not in field.tables:
-        known = {"": field.cosine - 1j * field.sine}
-        for name in derivatives:
-            for k in range(len(name)):
-                if name[: k + 1] not in known:
-                    known[name[: k + 1]] = derivative(known[name[:k]], name[k])
-        field.tables[derivatives] = kernel_tables([known[name] for name in derivatives])
-    sums = sum_series(flat, *field.tables[derivatives])
-    scale = field.gm / field.radius ** (1 + len(derivatives[0]))
-    return (scale * sums).reshape(*position.shape[:-1], len(derivatives))
 
 
 def derivative(K, axis):

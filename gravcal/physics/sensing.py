@@ -41,16 +41,6 @@ def rotation_tensor(rate_b, rate_dot_b):
     return euler + centrifugal
 
 
-def published_offset_matrix(rate_b, rate_dot_b):
-    """Matrix A (..., 3, 3) s-2 of the CoM paper: reading = A d with d from the proof mass to the CoM.
-
-    Notes
-    -----
-    A = -M(w, w'); Remote Sens. 2022, 14, 4030, eq. 5, the gravity gradient left to the trend (eq. 3).
-    """
-    return -rotation_tensor(rate_b, rate_dot_b)
-
-
 def proof_mass_reading(nongravitational_b, tensor_b, com_to_proof_mass_b):
     """Acceleration that holds the proof mass in its cage.
 

@@ -20,7 +20,7 @@ def test_the_tensor_has_the_printed_elements():
         [dy - wx * wz, -(wz * wy + dx), wx**2 + wy**2],
     ]
     assert_allclose(sensing.rotation_tensor(w, wd), M, atol=1e-15)  # rounding
-    assert_allclose(sensing.published_offset_matrix(w, wd), A, atol=1e-15)
+    assert_allclose(-sensing.rotation_tensor(w, wd), A, atol=1e-15)
 
 
 def reading_from_trajectories(offset, t):

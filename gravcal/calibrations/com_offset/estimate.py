@@ -389,7 +389,7 @@ def published_offset(time, good, linear, rates, solved) -> tuple[np.ndarray, np.
     filtered = operator(np.nan_to_num(np.concatenate([reading, *rates], axis=1)))[operator.valid]
     at = time[operator.valid]
     series = least_squares.without(np.stack([np.ones_like(at), at - at[0]], axis=1), filtered)
-    A = sensing.published_offset_matrix(series[:, 3:6], series[:, 6:9]).reshape(-1, 3)[:, solved]
+    A = -sensing.rotation_tensor(series[:, 3:6], series[:, 6:9]).reshape(-1, 3)[:, solved]  # eq. 5, without gradient
     weight, observed = np.tile(WEIGHTS, len(series)), series[:, :3].ravel()
     inverse = least_squares.stable_inverse(A.T @ (weight[:, None] * A))
     value = inverse @ A.T @ (weight * observed)
