@@ -62,7 +62,7 @@ def swing(seed, chosen, settings):
     """Truth, aligned record and products of one swing."""
     rng = np.random.default_rng(seed)
     truth = simulation.draw(catalog.satellite("T").settings(), chosen, rng)
-    record = simulation.swing(chosen, START, truth, rng)
+    record = simulation.swing(chosen, START, truth, rng, simulation.Hidden())
     found = align.detect(lambda: record["ATT"], **settings.for_stage("detect"))
     readers = [lambda *_, name=name: record[name] for name in ("IS1", "ATT", "ORB")]
     aligned = align.align(found, *readers, **settings.for_stage("align"))
@@ -106,15 +106,15 @@ def one_roll(seed, segments=SEGMENTS):
     chosen = invented("roll", roll_s=2500.0 * segments + 500.0)
     truth = simulation.draw(catalog.satellite("T").settings(), chosen, rng)
     flown = simulation.draw_roll(chosen, START, rng)
-    record = simulation.span(chosen, flown, (flown.start, flown.stop), truth, rng)
+    record = simulation.span(chosen, flown, (flown.start, flown.stop), truth, rng, simulation.Hidden())
     reduced = align.reduced(record["IS1"], record["ATT"], record["ORB"], settings.step_s)
-    steps, limits = (settings.step_s, settings.segment_s), (settings.uniformity_limit, settings.share_limit)
+    limits = settings.uniformity_limit, settings.share_limit
     model = bias.Model(settings.trend_degree, settings.amplitude_degree, settings.amplitude_harmonics)
     used = truth.offset + OFFSET_SIGMA * rng.standard_normal(3)
     out = []
     for place, covariance in ((truth.offset, np.zeros((3, 3))), (used, np.diag(OFFSET_SIGMA**2))):
         sensor = bias.Sensor(truth.k, 0 * truth.k, place, covariance, covariance)
-        solved = bias.solve(reduced, sensor, model, steps, limits)
+        solved = bias.solve(reduced, sensor, model, settings.segment_s, limits)
         found = bias.estimates(solved, sensor)
         inside = solved.time[:, None] + settings.segment_s * np.linspace(-0.5, 0.5, 101)  # of all segments, see sigma
         drift = np.array([np.interp(inside, flown.knot, column).mean() for column in flown.drift.T])

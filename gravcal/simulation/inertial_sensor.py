@@ -16,6 +16,7 @@ from scipy.signal import lfilter
 from gravcal import catalog
 from gravcal.effects import Context
 from gravcal.effects import inertial_sensor as electrodes
+from gravcal.estimation.resampling import lines_between
 from gravcal.physics import dynamics, frames, gravity, sensing
 from gravcal.physics.constants import DAY, EARTH_RADIUS, GM
 from gravcal.simulation import added, flight, within
@@ -56,9 +57,6 @@ class Hidden:
     def added(self, channel: str, time: np.ndarray) -> np.ndarray:
         """What they add to a channel that looks at nothing but time."""
         return added(self.effects, channel, Context(time, epoch=self.epoch))
-
-
-NOTHING = Hidden()
 
 
 @dataclass(frozen=True)
@@ -213,7 +211,7 @@ def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, c
     return linear, rate_dot_b + (gyroscopic - gravity_torque) / truth.inertia
 
 
-def swing(chosen, start: float, truth: Truth, rng, hidden: Hidden = NOTHING) -> dict:
+def swing(chosen, start: float, truth: Truth, rng, hidden: Hidden) -> dict:
     """Voltages, attitude and orbit round one swing, {"IS1", "ATT", "ORB"}, from a whole GPS second on."""
     length = 2 * chosen.quiet_s + chosen.swing_s
     path = flight.drawn(chosen, 1e-4, start, start + length, rng)
@@ -266,7 +264,7 @@ def with_effects(time, linear_b, angular_b, truth: Truth, hidden: Hidden) -> tup
         return linear_b, angular_b
     delay = hidden.added("acc_delay", time)
     if np.any(delay):
-        linear_b, angular_b = (_lines(time - delay, time, values) for values in (linear_b, angular_b))
+        linear_b, angular_b = (lines_between(time - delay, time, values) for values in (linear_b, angular_b))
     combined = (linear_b - truth.bias) / truth.k, (angular_b - truth.angular_bias) / truth.beta
     extra = {"volts": electrodes.volts(np.hstack(combined)), "displacement_b": -linear_b / electrodes.LOOP**2}
     context = Context(time, linear_b=linear_b, angular_b=angular_b, epoch=hidden.epoch, extra=extra)
@@ -314,11 +312,6 @@ def _orbit_record(start, length, path):
     return {"time": time, "position": state[:, :3], "velocity": state[:, 3:]}
 
 
-def _lines(at, time, values):
-    """Straight lines between samples, column by column."""
-    return np.stack([np.interp(at, time, column) for column in values.T], axis=1)
-
-
 def draw_roll(chosen, start: float, rng) -> Roll:
     """Orbit, roll rate and wander of the bias, a first-order Markov process at the knots; start GPS s, whole."""
     stop = start + chosen.roll_s
@@ -336,7 +329,7 @@ def draw_roll(chosen, start: float, rng) -> Roll:
     return Roll(start, stop, path, knot, rate, angle, lfilter([1.0], [1.0, -keep], kicks, axis=0))
 
 
-def span(chosen, roll: Roll, bounds, truth: Truth, rng, hidden: Hidden = NOTHING) -> dict:
+def span(chosen, roll: Roll, bounds, truth: Truth, rng, hidden: Hidden) -> dict:
     """Voltages, attitude and orbit of one span of the roll between whole seconds; result as of `swing`."""
     start, stop = bounds
     coarse = np.arange(start - 2, stop + 3)  # the motion changes over minutes: 1 s, then straight lines
@@ -354,8 +347,8 @@ def span(chosen, roll: Roll, bounds, truth: Truth, rng, hidden: Hidden = NOTHING
     rate_dot[:, 1] = slope
     tag = start + STEP_SENSOR * np.arange(round((stop - start) / STEP_SENSOR))
     held = electrostatic(coarse, quaternion, rate, rate_dot, state, truth, chosen)
-    held = with_effects(tag, *(_lines(tag, coarse, values) for values in held), truth, hidden)
-    drift = _lines(tag, roll.knot, roll.drift)
+    held = with_effects(tag, *(lines_between(tag, coarse, values) for values in held), truth, hidden)
+    drift = lines_between(tag, roll.knot, roll.drift)
     return {
         "IS1": {"time": tag, "volts": read_volts(*held, truth, chosen, rng, drift)},
         "ATT": _tracked(bounds, (coarse, quaternion), truth, chosen, rng, hidden),

@@ -104,12 +104,11 @@ def bias(
     """
     sensor = sensor_of(swing, assumed)
     bins = {name: segmented[name].values for name in segmented.variables}
-    step = bin_length(bins["time"], segment_s)
     if method == "published":
         model = Model(trend_degree, amplitude_degree=1, harmonics=0, with_offset=False)
     else:
         model = Model(trend_degree, amplitude_degree, amplitude_harmonics)
-    solved = solve(bins, sensor, model, (step, segment_s), (uniformity_limit, share_limit))
+    solved = solve(bins, sensor, model, segment_s, (uniformity_limit, share_limit))
     values = {
         "time_segment": solved.time,
         "segment_bias": -solved.constant,
@@ -121,7 +120,7 @@ def bias(
     facts = {"method": method, "factors_from": "swing" if swing else "assumed"}
     usable = int(np.count_nonzero(solved.used))
     if usable >= ENOUGH:
-        values |= estimates(solved, sensor) | spectra(bins, solved, sensor, k_z_before, (step, segment_s))
+        values |= estimates(solved, sensor) | spectra(bins, solved, sensor, k_z_before, segment_s)
         return build(SCHEMAS["bias"], values, **facts)
     few = (
         f"found {usable} usable of {solved.used.size} segments, expected {ENOUGH}. Raise uniformity_limit "
@@ -135,21 +134,17 @@ def bias(
     return build(SCHEMAS["bias"], nothing | values, not_determined=few, **facts)
 
 
-def bin_length(time: np.ndarray, segment_s: float) -> float:
-    """Length s of the bins (b,) of a roll; that of a segment where there is one bin only."""
-    return float(np.median(np.diff(time[:1000]))) if time.size > 1 else segment_s
+def cut(time: np.ndarray, segment_s: float) -> tuple[float, list[slice]]:
+    """Length s of the bins (b,) of a roll, and slices of those of each segment of so many seconds; none holds a gap.
 
-
-def cut(time: np.ndarray, step_s: float, segment_s: float) -> list[slice]:
-    """Slices of the bins (b,) of each segment of so many seconds; none holds a gap."""
+    Where there is one bin only it is as long as a segment.
+    """
+    step_s = float(np.median(np.diff(time[:1000]))) if time.size > 1 else segment_s
     length = int(round(segment_s / step_s))
     breaks = np.flatnonzero(np.diff(time) > 1.5 * step_s) + 1
     bounds = [0, *breaks.tolist(), time.size]
-    return [
-        slice(first, first + length)
-        for a, b in zip(bounds[:-1], bounds[1:], strict=True)
-        for first in range(a, b - length + 1, length)
-    ]
+    starts = (range(a, b - length + 1, length) for a, b in zip(bounds[:-1], bounds[1:], strict=True))
+    return step_s, [slice(first, first + length) for part in starts for first in part]
 
 
 def offset_terms(rate_b, gradient_b, step_s: float) -> np.ndarray:
@@ -208,13 +203,12 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
     return first @ share, np.sqrt(variance * (first @ first)), residual, amplitude
 
 
-def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, lengths, limits) -> Segments:
+def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, segment_s: float, limits) -> Segments:
     """Constants of every segment of the bins of `align.reduced`, several spans joined; NaN where bins are missing.
 
-    Lengths s are those of bins and segments, limits the largest scatter of the roll rate and the least share of samples
-    of a segment that is used.
+    Limits are the largest scatter of the roll rate and the least share of samples of a segment that is used.
     """
-    parts, (step_s, _), (uniform, share) = cut(bins["time"], *lengths), lengths, limits
+    (step_s, parts), (uniform, share) = cut(bins["time"], segment_s), limits
     used = np.zeros(len(parts), dtype=bool)
     shapes = (), (3,), (3,), (3,), (3, 3), (2, 2)
     uniformity, constant, sigma, volt, slope, amplitude = (np.full((len(parts), *one), np.nan) for one in shapes)
@@ -309,7 +303,7 @@ def estimates(solved: Segments, sensor: Sensor) -> dict:
     }
 
 
-def spectra(bins: Mapping[str, np.ndarray], solved: Segments, sensor: Sensor, k_z_before: float, lengths) -> dict:
+def spectra(bins: Mapping[str, np.ndarray], solved: Segments, sensor: Sensor, k_z_before: float, segment_s) -> dict:
     """Amplitude spectra of the z axis: with the old factor, with the new one, and with motion and drag taken off too.
 
     Notes
@@ -317,7 +311,7 @@ def spectra(bins: Mapping[str, np.ndarray], solved: Segments, sensor: Sensor, k_
     Median over the segments, over what the median of so many periodograms is of the mean: 0.69 to 1 in power. White
     noise keeps its density in means of bins: what their roll-off takes, aliasing gives back.
     """
-    parts, step = cut(bins["time"], *lengths), lengths[0]
+    step, parts = cut(bins["time"], segment_s)
     raw, left = [], []
     for part in (part for part, used in zip(parts, solved.used, strict=True) if used):
         volt, gradient, R_bo = (bins[name][part] for name in ("linear_volt", "gradient_b", "R_bo"))

@@ -233,25 +233,18 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> RollView |
     used = biased["used"].values.astype(bool)
     if used.sum() < segments.ENOUGH or not np.isfinite(biased["bias"].values).all():
         return None
-    parts = spans(products["segment"], settings["segment_s"])
+    _, parts = segments.cut(products["segment"]["time"].values, settings["segment_s"])
     few = [np.sum(share[part] < settings["share_limit"]) <= 1 for part in parts]
     used = np.flatnonzero(used | (biased["uniformity"].values <= settings["uniformity_limit"]) & few)
     used = used[np.unique(np.linspace(0, used.size - 1, min(MOST, used.size)).round().astype(int))]
     return view_of_segments(products, settings, used)
 
 
-def spans(segmented: xr.Dataset, segment_s: float) -> list[slice]:
-    """Bins of each segment."""
-    time = segmented["time"].values
-    return segments.cut(time, segments.bin_length(time, segment_s), segment_s)
-
-
 def view_of_segments(products: Mapping[str, xr.Dataset], settings: Mapping, used: Sequence[int]) -> RollView:
     """View of some segments; arguments as of `view_of`."""
     segmented = products["segment"]
     sensor = segments.sensor_of(tuple(products[n] for n in ("scale", "offset") if n in products), settings["assumed"])
-    parts = spans(segmented, settings["segment_s"])
-    step = segments.bin_length(segmented["time"].values, settings["segment_s"])
+    step, parts = segments.cut(segmented["time"].values, settings["segment_s"])
     names = ("trend_degree", "amplitude_degree", "amplitude_harmonics")
     model = segments.Model(*(settings[name] for name in names))
     bins = {n: np.stack([segmented[n].values[parts[k]] for k in used]) for n in segmented.variables}

@@ -8,7 +8,8 @@ from scipy.signal import lfilter
 
 from gravcal.calibrations.causes import added_by, along, listed, on_axes, unknown
 from gravcal.calibrations.inertial_sensor import model as fits
-from gravcal.calibrations.inertial_sensor.observed_roll import CHANNEL, RollView, spans, view_of_segments
+from gravcal.calibrations.inertial_sensor.bias import cut
+from gravcal.calibrations.inertial_sensor.observed_roll import CHANNEL, RollView, view_of_segments
 from gravcal.calibrations.inertial_sensor.observed_swing import STEP, TONE, SwingView
 from gravcal.effects import effect
 from gravcal.effects import inertial_sensor as electrodes
@@ -204,7 +205,7 @@ def roll_without(view: RollView, model: Sequence[Entry]) -> xr.Dataset:
     """Bins of the roll without the effects of a model; drifts count from its middle."""
     segmented = view.products["segment"]
     extended = segmented.copy(deep=True).assign_attrs(model=" ".join(one.cause for one in model))
-    parts = spans(segmented, view.settings["segment_s"])
+    _, parts = cut(segmented["time"].values, view.settings["segment_s"])
     names = ("linear_volt", "R_bo", "rate_b", "gradient_b")
     whole = [k for k, part in enumerate(parts) if all(np.isfinite(segmented[n].values[part]).all() for n in names)]
     view = view_of_segments(view.products, view.settings, whole)

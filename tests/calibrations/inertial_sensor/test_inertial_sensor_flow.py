@@ -310,6 +310,6 @@ def test_the_noise_of_z_is_that_of_white_noise_of_known_density(segments):
         volts = np.zeros((100 * count, 3))
         volts[:, 2] = density * np.sqrt(5.0) / k * rng.standard_normal(100 * count)
         record["linear_volt"], _ = align.clipped_means(0.1 * np.arange(100 * count), volts, 10.0 * np.arange(count + 1))
-        power.append(page.z_noise(**bias.spectra(record, solved, sensor, k, (10.0, 2500.0))))
+        power.append(page.z_noise(**bias.spectra(record, solved, sensor, k, 2500.0)))
     for name in ("before_m_s2_rthz", "after_m_s2_rthz"):
         assert np.sqrt(np.mean([one[name] ** 2 for one in power])) == pytest.approx(density, rel=0.02)
