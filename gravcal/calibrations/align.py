@@ -69,15 +69,6 @@ def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_g
     return gps
 
 
-def orbit_i(orbit: xr.Dataset, spans: np.ndarray):
-    """Epochs (n,) s, inertial positions (n, 3) m and velocities m s-1 of GNI1B or GNV1B in windows (w, 2) s."""
-    orbit = near_windows(orbit, spans)
-    time, values, flag, _ = sorted_samples(orbit, own_tags(orbit), STATE)
-    usable = in_windows(time, spans, 0.0) & (flag == 0)
-    states = orbit_states(time[usable], values[usable], orbit.attrs.get("product", ""))
-    return time[usable], states["position_i"], states["velocity_i"]
-
-
 def between(at: np.ndarray, time: np.ndarray, limit: float) -> np.ndarray:
     """True for each epoch (m,) on or between two ordered samples (n,) that are at most `limit` apart (s)."""
     index = np.clip(np.searchsorted(time, at), 1, time.size - 1)

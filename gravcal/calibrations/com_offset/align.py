@@ -96,13 +96,6 @@ def _wave(time, rod, group, step):
     return Wave(rod, lower, upper, np.array([run[2] for run in group]))
 
 
-def regular_edges(wave: Wave, period: float) -> tuple[float, float] | None:
-    """Interval of the first edge if all edges are whole half periods apart."""
-    shift = np.arange(wave.lower.size) * period / 2
-    lower, upper = float(np.max(wave.lower - shift)), float(np.min(wave.upper - shift))
-    return (lower, upper) if upper - lower > 1e-4 else None
-
-
 def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
     """Square waves of the torquers in a MAG1B, one manoeuvre each.
 
@@ -117,15 +110,16 @@ def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
         if all(wave.upper[-1] < other.lower[0] or wave.lower[0] > other.upper[-1] for other in kept):
             kept.append(wave)
     waves = sorted(kept, key=lambda w: w.lower[0])
-    period = settings["period_s"]
     count = max((w.level.size for w in waves), default=0)
+    late = np.arange(count + 1) * settings["period_s"] / 2
+    first = [(np.max(w.lower - late[: w.lower.size]), np.min(w.upper - late[: w.upper.size])) for w in waves]
     filled = lambda values, size: np.append(values, np.full(size - values.size, np.nan))  # noqa: E731
     torques = [np.cross(np.eye(3)[w.rod], field_b[(time >= w.lower[0]) & (time <= w.upper[-1])]) for w in waves]
     values = {
         "edge_lower": np.array([filled(w.lower, count + 1) for w in waves]).reshape(-1, count + 1),
         "edge_upper": np.array([filled(w.upper, count + 1) for w in waves]).reshape(-1, count + 1),
         "level": np.array([filled(w.level, count) for w in waves]).reshape(len(waves), count),
-        "regular": [regular_edges(w, period) is not None for w in waves],
+        "regular": [upper - lower > 1e-4 for lower, upper in first],  # all edges whole half periods apart
         "start": [(w.lower[0] + w.upper[0]) / 2 for w in waves],
         "stop": [(w.lower[-1] + w.upper[-1]) / 2 for w in waves],
         "kind": [int(np.argmax(np.sum(turning**2, axis=0))) for turning in torques],

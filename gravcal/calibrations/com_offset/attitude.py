@@ -145,11 +145,6 @@ def magnetic_acceleration(arc: Arc, shift: float, time: np.ndarray, field_b: np.
     return np.linalg.solve(arc.inertia, torque.T).T
 
 
-def evaluate(arc: Arc, solution: Solution, time: np.ndarray, step: float):
-    """Quaternion (n, 4), rate (n, 3) rad s-1 and its derivative at epochs after the origin, fitted torque scale."""
-    return dynamics.integrate(time, solution.state, torque_of(arc, solution), max_step=step)
-
-
 def updated(solution: Solution, step: dict[str, np.ndarray]) -> Solution:
     """Solution with a Gauss-Newton step added: angle, rate, slow, torque, shift; what is missing is held."""
     turned = frames.quaternion_product(solution.state.quaternion, frames.from_rotation_vector(step["angle"]))
@@ -265,7 +260,7 @@ def _star_camera(aligned, origin, stop):
 def field_at(window: Window, fit, time: np.ndarray) -> np.ndarray:
     """Field in the body (n, 3) T along the fitted attitude."""
     at = np.clip(time, window.arc.origin, None)
-    quaternion, _, _ = evaluate(window.arc, fit.solution, at, 1.0)
+    quaternion, _, _ = dynamics.integrate(at, fit.solution.state, torque_of(window.arc, fit.solution), max_step=1.0)
     field_i = CubicSpline(window.arc.field_time, window.arc.field_i)(at)
     return np.matvec(frames.R_bi_from_quaternion(quaternion), field_i)
 
@@ -287,7 +282,6 @@ class Fit:
 
     solution: Solution
     residual: np.ndarray  #: (n, 3) rad, star camera minus model, in the body
-    design: np.ndarray  #: (n, 3, p) rad, columns of the last step
     covariance: np.ndarray  #: (p, p) of the unknowns `names`
     names: tuple[str, ...]  #: (p,)
 
@@ -399,7 +393,8 @@ def _motion(window, fit, timing, aligned, noise, choice):
     time = aligned["time_acc"].values[window.acc]
     at = np.clip(time - (0.0 if timing is None else timing.shift), arc.origin, None)
     width = 0.0 if timing is not None and timing.momentary else float(np.median(np.diff(time)))
-    quaternion, rate, rate_dot = evaluate(arc, fit.solution, at, choice.step_s)
+    given = at, fit.solution.state, torque_of(arc, fit.solution)
+    quaternion, rate, rate_dot = dynamics.integrate(*given, max_step=choice.step_s)
     field_b = field_at(window, fit, at)
     # what the integrator put into the angular acceleration at each epoch, with the fitted scale, makes room for means
     torque = fit.solution.scale_b * np.cross(dipole_at(arc, at, shift), field_b)
@@ -534,7 +529,7 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
         for name, (size, _) in unknowns.items()
         for k in range(size)
     )
-    return Fit(solution, residual, design, covariance(normal), names)
+    return Fit(solution, residual, covariance(normal), names)
 
 
 def slow_torque_response(arc: Arc, time, transition, degree: int) -> np.ndarray:

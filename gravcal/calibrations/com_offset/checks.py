@@ -4,7 +4,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import checks as checking
-from gravcal.calibrations.align import between, orbit_i
+from gravcal.calibrations.align import STATE, between, in_windows, near_windows, orbit_states, own_tags, sorted_samples
 from gravcal.calibrations.checks import at_least, at_most, largest
 from gravcal.calibrations.com_offset.align import OUTLIER, REACH
 from gravcal.estimation import timing
@@ -87,9 +87,12 @@ def _apart(others, aligned, time, position):
     if not others:
         return np.zeros(0), np.zeros(0)
     spans = np.stack([aligned["window_start"].values, aligned["window_stop"].values], axis=1)
-    epoch, there, _ = orbit_i(others[0], spans)
+    orbit = near_windows(others[0], spans)
+    epoch, values, flag, _ = sorted_samples(orbit, own_tags(orbit), STATE)
+    kept = in_windows(epoch, spans, 0.0) & (flag == 0)
+    epoch, states = epoch[kept], orbit_states(epoch[kept], values[kept], orbit.attrs.get("product", ""))
     common, mine, theirs = np.intersect1d(np.round(time, 3), np.round(epoch, 3), return_indices=True)
-    return common, np.linalg.norm(position[mine] - there[theirs], axis=1)
+    return common, np.linalg.norm(position[mine] - states["position_i"][theirs], axis=1)
 
 
 def _pointing(aligned, time, position, velocity):

@@ -238,12 +238,6 @@ def _attitude_and_field(aligned, field_, time):
     return R_bi, np.matvec(R_bi, inertial)
 
 
-def offset_of(solved: xr.Dataset) -> np.ndarray:
-    """Offset (3,) m of all manoeuvres together, from "com_offset.solve"."""
-    normal, right = (np.nansum(solved[n].values, axis=0) for n in ("normal", "right"))
-    return least_squares.stable_inverse(normal) @ right
-
-
 def attitude_at(window: motion.Window, time: np.ndarray) -> np.ndarray:
     """Measured attitude (n, 3, 3) R_bi at any epochs of the arc."""
     good = window.good[1:]

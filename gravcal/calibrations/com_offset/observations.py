@@ -15,7 +15,7 @@ from gravcal.calibrations.com_offset.estimate import QUIET_S, adopted
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
 from gravcal.effects import effect
 from gravcal.errors import refuse
-from gravcal.estimation.least_squares import polynomial, without
+from gravcal.estimation.least_squares import polynomial, stable_inverse, without
 from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, Reported
 from gravcal.physics.orbit_environment import sun_i
@@ -44,7 +44,8 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | Late
     if orbit is not None:
         return orbit
     records = products["align"], products["field"], products["attitude"]
-    offset, noise = manoeuvre.offset_of(products["solve"]), {}
+    normal, right = (np.nansum(products["solve"][name].values, axis=0) for name in ("normal", "right"))
+    offset, noise = stable_inverse(normal) @ right, {}  # of all manoeuvres together
     views = manoeuvre.manoeuvres(*records, offset, noise, settings)
     orders, period = dict.fromkeys(("linear", "angular"), settings["noise_order"]), settings["period_s"]
     half = float(np.median(np.diff(products["attitude"]["time_acc"].values))) / 2

@@ -63,46 +63,43 @@ def report(*products, event, satellite, settings, published):
 
 def html(document, products, published, vcm=None):
     """Page of one event, one self-contained HTML text."""
-    delivered = "variants" in document
-    sections = event_sections(document, published) if delivered else survey_sections(document)
     verdict = document["verdict"]
     return pages.page(
         document,
-        sections,
+        sections(document, published),
         products,
         heading="Centre-of-mass offset",
         subtitle=WORDS.note("subtitle", **document),
         good=verdict["accuracy_met"] and verdict["consistent"] is not False if "requirement" in verdict else None,
-        badges=badges(document) if delivered else (),
+        badges=badges(document) if "variants" in document else (),
         lines=("Result as a VCM line", vcm) if vcm else None,
     )
 
 
-def event_sections(document, published):
-    """Sections of an event with manoeuvres."""
+def sections(document, published):
+    """Sections of an event; of a record without manoeuvre what could be measured all the same."""
+    if "variants" not in document:
+        return [
+            Section("Magnetic field", [WORDS.table("field", document)], [_field]),
+            Section("Attitude", figures=[_attitude], notes=WORDS.said("attitude", **document)),
+            Section("Torque against roll acceleration", figures=[_roll], notes=WORDS.said("roll", **document)),
+        ]
     adopted = document["adopted"]["variant"] or "mtq"
     known = printed_manoeuvres(document, published)
     caption = f"{_estimates.caption} {WORDS.note('bands', adopted=adopted)}{' Hollow: printed values.' * bool(known)}"
     shown = replace(_estimates, arguments=(document, known), caption=caption)
     solved = f"solve.{adopted}"
     fits = [replace(_spectra, reads=(solved,)), replace(_linear_accelerations, reads=(solved, "detect"))]
+    sources = sorted({one.source for name in ("combined", "manoeuvres") for one in published.get(name, ())})
+    notes = WORDS.said("result", sources=sources, **{"method": "gravcal"} | document)
     return [
-        Section("Result", [_combined_table(document, published)], [shown], result_notes(document, published)),
+        Section("Result", [_combined_table(document, published)], [shown], notes),
         Section("Agreement and field check", [_agreement_table(document), WORDS.table("field", document)], beside=True),
         Section("Every manoeuvre", [_manoeuvre_table(document, known)]),
         Section("Linear acceleration", figures=fits),
         Section("Angular acceleration and time", [_instrument_table(document)], [_angular_accelerations]),
         Section("Torquers and attitude", figures=[_torquers, _attitude]),
         Section("Magnetic field", figures=[_field]),
-    ]
-
-
-def survey_sections(document):
-    """Sections of a record without manoeuvre: what could be measured all the same."""
-    return [
-        Section("Magnetic field", [WORDS.table("field", document)], [_field]),
-        Section("Attitude", figures=[_attitude], notes=WORDS.said("attitude", **document)),
-        Section("Torque against roll acceleration", figures=[_roll], notes=WORDS.said("roll", **document)),
     ]
 
 
@@ -122,12 +119,6 @@ def badges(document):
             ("consistent", verdict["consistent"], agree),
         ]
     return found
-
-
-def result_notes(document, published):
-    """What the numbers of the result mean."""
-    sources = sorted({one.source for name in ("combined", "manoeuvres") for one in published.get(name, ())})
-    return WORDS.said("result", sources=sources, **{"method": "gravcal"} | document)
 
 
 # Document

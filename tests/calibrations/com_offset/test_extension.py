@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 from scipy.integrate import quad, solve_ivp
 
-from gravcal.calibrations.com_offset import lag, manoeuvre, responses
+from gravcal.calibrations.com_offset import lag, responses
 from gravcal.calibrations.com_offset.observations import observe
 from gravcal.effects import torque
 from gravcal.estimation.records import Candidate, Entry, Fitted, Parameter
@@ -37,7 +37,8 @@ TORQUERS = {name: tools.SATELLITE[name] for name in ("inertia", "dipole_per_curr
 
 def offset_of(made, chosen, aligned):
     """Offset with the torquers from other records."""
-    return manoeuvre.offset_of(tools.solved(made | {"align": aligned}, chosen, ("mtq",))["solve"]["mtq"])
+    solved = tools.solved(made | {"align": aligned}, chosen, ("mtq",))["solve"]["mtq"]
+    return np.linalg.solve(*(np.nansum(solved[name].values, axis=0) for name in ("normal", "right")))
 
 
 def seen(observed):
