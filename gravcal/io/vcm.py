@@ -14,7 +14,6 @@ from pathlib import Path
 import numpy as np
 
 from gravcal.errors import ProductError, refuse
-from gravcal.io.readers import read
 from gravcal.io.writers import header_lines, label_header
 
 SPACECRAFT = {f"GRACE{letter}": letter for letter in "ABCD"}
@@ -142,13 +141,6 @@ def write_vector_file(path, time, satellite, vector_b, source=""):
     header = label_header("ipXXXVOF : 9", times.astype(np.int64) * 10**9, len(body), about)
     path.write_text(header + body, encoding="ascii")
     return path
-
-
-def read_vector_file(path):
-    """Vectors of a VCM1B, VKB1B or like file: GPS seconds (n,) from which each holds, and (n, 3) m in SRF."""
-    observed = read(Path(path))
-    cosines = np.stack([observed[name].values for name in ("cosx", "cosy", "cosz")], axis=-1)
-    return observed["time_tag"].values, observed["mag"].values[:, None] * cosines
 
 
 def _checked(vector, where, shape=(3,)):

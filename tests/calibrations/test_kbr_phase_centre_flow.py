@@ -16,7 +16,7 @@ from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre import checks
 from gravcal.calibrations.kbr_phase_centre.page import vector_files
 from gravcal.errors import GravcalError, NoDataError, ProductError
-from gravcal.io import vcm, writers
+from gravcal.io import readers, vcm, writers
 from tasks import kbr_phase_centre as stages
 
 QUICK = {"phase_step_s": 1.0}
@@ -62,9 +62,9 @@ def test_files_in_vectors_out(campaign, tmp_path):
         adopted = 1e-3 * np.array(document["adopted"]["satellites"][letter]["phase_centre_mm"])
         path = tmp_path / f"VKB1B_2020-09-10_{letter}_04.txt"
         path.write_text(files[path.name])
-        time, vector = vcm.read_vector_file(path)
-        assert_allclose(vector[0], adopted, rtol=1e-12)
-        assert time[0] == np.ceil(max(one["stop"] for one in document["manoeuvres"]))
+        (written,) = readers.read(path).to_dataframe().to_dict("records")
+        assert_allclose([written["mag"] * written[f"cos{axis}"] for axis in "xyz"], adopted, rtol=1e-12)
+        assert written["time_tag"] == np.ceil(max(one["stop"] for one in document["manoeuvres"]))
     lines = [vcm.read_line(line) for line in files["result.soe"].splitlines()]
     assert [(one.satellite, one.name) for one in lines] == [("C", "VKB"), ("D", "VKB")]
     doubtful = vector_files(document | {"origin": "measured", "status": "questionable"}, "2020-09-10")
