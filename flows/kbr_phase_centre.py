@@ -45,7 +45,7 @@ def inputs_checked(source, chosen, files, aligned, pointed, equations):
     wanted, other = CALIBRATION.inputs["orbit"]
     orbits = [one for k, one in enumerate(files) if k % 5 in (1, 2)]  # that were read, and others of the same days
     for day, letter in product(_days(source), source.satellite):
-        if all(archive.holds(source.folder, name, letter, day) for name in (wanted, other)):
+        if all(archive.find(source.folder, name, letter, day) for name in (wanted, other)):
             file = replace(source, date=day).file(other, satellite=letter)
             orbits.append(common.ingest(file, event=source.event))
     settings = nominal_of(source) | chosen.for_stage("checks")

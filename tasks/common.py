@@ -30,8 +30,8 @@ class Source:
         """The first of these products that the folder holds of a satellite, by default the only one of the source."""
         letter = satellite or self.satellite
         for name in products:
-            if archive.holds(self.folder, name, letter, self.date):
-                return archive.find(self.folder, name, letter, self.date)
+            if file := archive.find(self.folder, name, letter, self.date):
+                return file
         own = {letter, *self.satellite}
         day = (f for f in archive.inventory(self.folder) if str(f.date) == self.date and f.satellite in own)
         there = ", ".join(sorted({f.product for f in day}))
@@ -43,8 +43,8 @@ class Source:
 
     def files(self, *products: str):
         """All of these products that the folder holds, none where it holds none."""
-        held = [name for name in products if archive.holds(self.folder, name, self.satellite, self.date)]
-        return [self.file(name) for name in held]
+        found = (archive.find(self.folder, name, self.satellite, self.date) for name in products)
+        return [file for file in found if file]
 
 
 def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Source:

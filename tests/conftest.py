@@ -176,7 +176,7 @@ class Pipeline:
 
     def file(self):
         """The Level-1 file the flow starts from."""
-        from gravcal.io.readers import LevelOneFile
+        from gravcal.io.archive import LevelOneFile
 
         return LevelOneFile(self.raw, None, "MAG1B", "C", "2020-02-01", "04")
 

@@ -178,11 +178,6 @@ def state_of(folder) -> str | None:
     return hashlib.sha256("\n".join(seen).encode()).hexdigest() if seen else None
 
 
-def holds(folder, product, satellite, date) -> bool:
-    """True if a folder has a Level-1 file of exactly this product, satellite letter and day."""
-    return (product, satellite, str(date)) in _listing(folder)
-
-
 def _listing(folder):
     """Files of a folder by (product, satellite, date), by preference; again when a folder or archive in it changed."""
     folder = Path(folder)
@@ -225,29 +220,9 @@ def _preference(file):
     return (*kind, -int(file.release), bool(file.member), form, file.name.endswith(".gz"), file.where)
 
 
-def find(folder, product, satellite=None, date=None) -> LevelOneFile:
-    """The Level-1 file of a product, satellite and day: newest release, loose before archived; ProductError if not one.
-
-    Satellite "C" or "CD" also finds the combined product "Y", "A" or "AB" the product "X", None any; the date may be
-    None where the folder holds one day only.
-    """
-    listing = _listing(folder)
-    date, wanted = date and str(date), (satellite, TOGETHER.get(satellite))
-    if satellite and date:
-        fitting = [f for letter in wanted for f in listing.get((product, letter, date), ())]
-    else:
-        fitting = [f for f in inventory(folder) if f.product == product and date in (None, f.date)]
-        fitting = [f for f in fitting if satellite is None or f.satellite in wanted]
-    what = " ".join(str(x) for x in (product, satellite, date) if x)
-    if not fitting:
-        there = sorted({" ".join(key) for key in listing if key[0] == product})
-        remedy = "Add the missing file, or choose another folder, satellite or day."
-        refuse(folder, there or "no file of this product", what, remedy, product=product)
-    for field, remedy in (("date", "Give the date."), ("satellite", "Give the satellite.")):
-        several = sorted({getattr(f, field) for f in fitting})
-        if len(several) > 1:
-            refuse(folder, f"{what} for {', '.join(several)}", f"one {field}", remedy, product=product)
-    return fitting[0]
+def find(folder, product, satellite, date) -> LevelOneFile | None:
+    """The file of exactly this product, satellite letter and day: newest release, loose before archived; or None."""
+    return next(iter(_listing(folder).get((product, satellite, str(date)), ())), None)
 
 
 def limit() -> int:

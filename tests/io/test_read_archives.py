@@ -7,7 +7,8 @@ import pytest
 from numpy.testing import assert_array_equal
 
 from gravcal.errors import ProductError
-from gravcal.io.readers import find, inventory, read
+from gravcal.io.archive import find, inventory
+from gravcal.io.readers import read
 from gravcal.io.writers import file_name, write
 
 
@@ -37,34 +38,25 @@ def test_members_are_found_and_read_after_loose_files_and_newer_releases(member,
     assert_array_equal(read(files[0]).quatangle, attitude["quatangle"])
     assert sorted(p.name for p in member.parent.iterdir()) == [member.name]
     loose = write(attitude, member.parent / file_name("SCA1B", "2023-06-01", "C"))
-    assert find(member.parent, "SCA1B", "C").path == loose
+    assert find(member.parent, "SCA1B", "C", "2023-06-01").path == loose
     newer = write(attitude, member.parent / file_name("SCA1B", "2023-06-01", "C", "05"))
-    assert find(member.parent, "SCA1B", "C").path == newer
+    assert find(member.parent, "SCA1B", "C", "2023-06-01").path == newer
 
 
-def test_what_is_meant_must_be_said_and_there(tmp_path, attitude):
-    """Contract: of several days the error lists them; of a satellite, product or folder that is not there what is."""
+def test_of_several_days_and_letters_that_which_is_meant_is_found(tmp_path, attitude):
+    """Contract: exactly the product, letter and day, those of a pair by its own letter; no folder is an error."""
     for day in ("2023-06-01", "2023-06-02"):
         write(attitude, tmp_path / file_name("SCA1B", day, "C"))
-    with pytest.raises(ProductError, match="2023-06-01, 2023-06-02"):
-        find(tmp_path, "SCA1B", "C")
-    assert find(tmp_path, "SCA1B", "C", "2023-06-02").date == "2023-06-02"
-    with pytest.raises(ProductError, match="SCA1B C 2023-06-01"):
-        find(tmp_path, "SCA1B", "D")
-    with pytest.raises(ProductError, match="no file of this product"):
-        find(tmp_path, "MAG1B", "C")
-    with pytest.raises(ProductError, match="nothing there"):
-        inventory(tmp_path / "nowhere")
-
-
-def test_combined_products_are_found_for_either_satellite(tmp_path):
-    """Contract: KBR1B carries the letter Y for C and D."""
     columns = ("biased_range", "range_rate", "range_accl", "lighttime_corr", "lighttime_rate", "lighttime_accl")
     antenna = ("ant_centr_corr", "ant_centr_rate", "ant_centr_accl")
     values = {"gps_time": [738849600, 738849605], **{c: [1.0, 2.0] for c in (*columns, *antenna)}}
     path = write(values, tmp_path / file_name("KBR1B", "2023-06-01", "Y"))
-    for letter in ("C", "D", "CD", "Y", None):
-        assert find(tmp_path, "KBR1B", letter).path == path
+    assert find(tmp_path, "SCA1B", "C", "2023-06-02").date == "2023-06-02"
+    assert find(tmp_path, "KBR1B", "Y", "2023-06-01").path == path
+    for other in (("SCA1B", "D", "2023-06-01"), ("MAG1B", "C", "2023-06-01"), ("KBR1B", "C", "2023-06-01")):
+        assert find(tmp_path, *other) is None
+    with pytest.raises(ProductError, match="nothing there"):
+        inventory(tmp_path / "nowhere")
     assert read(path).sizes["record"] == 2
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_array_equal
 
-from gravcal.io.readers import find, inventory, read
+from gravcal.io.archive import find, inventory
+from gravcal.io.readers import read
 from gravcal.io.writers import write
 
 pytestmark = pytest.mark.measured
@@ -70,7 +71,7 @@ def test_numbers_are_those_of_the_text(measured, product, columns):
 
 def test_values_that_a_record_lacks_are_nan(measured):
     """Contract: TNK1A has two kinds of records; each holds what its prod_flag says."""
-    observed = read(find(measured / "gracefo-2023-06-01", "TNK1A", "C"))
+    observed = read(find(measured / "gracefo-2023-06-01", "TNK1A", "C", "2023-06-01"))
     for name, bit in (("tank_pres", 0), ("reg_pres", 1), ("skin_temp", 2), ("boss_sliding", 6)):
         present = observed.prod_flag.values >> bit & 1 == 1
         assert_array_equal(np.isfinite(observed[name].values), present)
@@ -83,7 +84,7 @@ def test_binary_equals_text_record_by_record(measured):
     """Contract: 2003-09-14, every product of A, B and X; float32 columns to their own precision."""
     pairs = 0
     for file in inventory(measured / "grace-2003-09-14" / "binary"):
-        text = read(find(measured / "grace-2003-09-14" / "ascii", file.product, file.satellite))
+        text = read(find(measured / "grace-2003-09-14" / "ascii", file.product, file.satellite, file.date))
         binary = read(file)
         assert set(text) == set(binary)
         for name in text:
@@ -118,13 +119,13 @@ def test_headers_signs_of_missions_and_clean_records_are_understood(measured):
     observed = read(measured / "gracefo-2018-05-22" / "VGN1B_2018-05-22_D_04.txt")
     assert (observed.attrs["satellite"], observed.attrs["header_satellite"]) == ("D", "C")
     new = read(find(measured / "gracefo-2023-06-01", "MAG1B", "C", "2023-06-01"))
-    old = read(find(measured / "grace-2003-09-14" / "binary", "MAG1B", "A"))
+    old = read(find(measured / "grace-2003-09-14" / "binary", "MAG1B", "A", "2003-09-14"))
     assert_array_equal(new.current_b[0], [4.621397018432617, -2.094727039337158, 1.34342896938324])
     assert_array_equal(old.current_b[0], [0 - 12.83203125, 0.3515625 - 3.427734375, 0 - 6.15234375])
     for product in ("ACC1A", "SCA1A", "SCA1B", "MAG1A", "MAG1B", "GNV1B", "GNI1B", "IMU1A", "KBR1B", "THR1B", "TIM1B"):
         for file in (f for f in inventory(measured / "gracefo-2023-06-01") if f.product == product):
             assert not read(file).flag.any(), file.name
-    clock = read(find(measured / "gracefo-2023-06-01", "CLK1B", "C"))
+    clock = read(find(measured / "gracefo-2023-06-01", "CLK1B", "C", "2023-06-01"))
     assert_array_equal(np.flatnonzero(clock.flag), [1])
 
 

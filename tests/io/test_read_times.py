@@ -6,7 +6,8 @@ from numpy.testing import assert_allclose
 
 from gravcal.calibrations.align import between
 from gravcal.estimation import timing
-from gravcal.io.readers import find, read
+from gravcal.io.archive import find
+from gravcal.io.readers import read
 
 pytestmark = pytest.mark.measured
 DAY = "2023-06-01"

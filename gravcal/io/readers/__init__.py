@@ -18,9 +18,7 @@ import yaml
 
 from gravcal.errors import refuse
 from gravcal.io import archive
-from gravcal.io.archive import LevelOneFile, find, inventory
 
-__all__ = ["LevelOneFile", "find", "inventory", "read"]
 PRODUCTS = Path(__file__).with_name("products")
 SI_UNITS = tomllib.loads(Path(__file__).with_name("units.toml").read_text(encoding="utf-8"))
 BITS = {"b8": "u1", "b16": "u2", "b32": "u4"}
