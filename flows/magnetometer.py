@@ -13,12 +13,7 @@ from tasks import common, magnetometer
 @flow(name="magnetometer")
 def calibrate(source, chosen):
     """Parameters of the magnetometer of one satellite against the reference field."""
-    solved = functools.partial(estimated, chosen)
-    records, moved = DISCOVERY.taken_out(source, chosen, aligned(source, chosen), solved)
-    found = estimated(chosen, records)
-    checked = magnetometer.checks(records, found, **chosen.for_stage("checks"))
-    found = magnetometer.model_error(found, *moved) if moved else found
-    published = []
+    (found, records, checked), published = made(source, chosen).values(), []
     for file in cdf.files(source.folder, source.satellite, source.date):  # calibrated field of others less ours
         _, camera, orbit = _observed(source)
         theirs = magnetometer.theirs(file, event=source.event)
@@ -26,6 +21,16 @@ def calibrate(source, chosen):
         published.append(magnetometer.beside(records, found, camera, orbit, theirs, **settings))
     reported = (found, records, checked, *published)
     return magnetometer.report(*reported, event=source.event, settings=chosen.for_report())
+
+
+def made(source, chosen):
+    """Estimate, records and checks by stage."""
+    solved = functools.partial(estimated, chosen)
+    records, moved = DISCOVERY.taken_out(source, chosen, aligned(source, chosen), solved)
+    found = estimated(chosen, records)
+    checked = magnetometer.checks(records, found, **chosen.for_stage("checks"))
+    found = magnetometer.model_error(found, *moved) if moved else found
+    return {"estimate": found, "align": records, "checks": checked}
 
 
 def _observed(source):

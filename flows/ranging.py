@@ -11,11 +11,15 @@ from tasks import kbr_phase_centre, ranging
 @flow(name="ranging")
 def calibrate(source, chosen):
     """Phase centres of both satellites by the slow motion of their pointing."""
+    return ranging.report(*made(source, chosen).values(), event=source.event, settings=chosen.for_report())
+
+
+def made(source, chosen):
+    """Estimate, rows and checks by stage."""
     rows, checked = quiet_rows(source, chosen)
     rows, _ = DISCOVERY.taken_out(source, chosen, rows, alone=True)
     found = ranging.estimate(rows, **chosen.for_stage("estimate"))
-    checked = ranging.checks(checked, found, **chosen.for_stage("checks"))
-    return ranging.report(found, rows, checked, event=source.event, settings=chosen.for_report())
+    return {"estimate": found, "align": rows, "checks": ranging.checks(checked, found, **chosen.for_stage("checks"))}
 
 
 def quiet_rows(source, chosen):

@@ -9,11 +9,9 @@ from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
 from tasks import common, routine
-from tasks import magnetometer as magnetometer_stages
-from tasks import ranging as ranging_stages
-from tasks import thrusters as thruster_stages
 
 PAIRS = {"A": "AB", "B": "AB", "C": "CD", "D": "CD"}
+OTHERS = {"magnetometer": magnetometer, "thrusters": thrusters, "ranging": ranging}
 
 
 @flow(name="routine")
@@ -46,14 +44,13 @@ def _owner(part, source, chosen):
         pair = PAIRS[source.satellite]
         event = f"{ranging.CALIBRATION.mission}-{pair.lower()}-{source.date}"
         source = replace(source, satellite=pair, event=event)
-    one = {"magnetometer": magnetometer, "thrusters": thrusters, "ranging": ranging}[part].CALIBRATION
-    return one, source, catalog.parameters(part)
+    return OTHERS[part].CALIBRATION, source, catalog.parameters(part)
 
 
 def _attempted(make, source, chosen):
     """What a function makes by part, and why it cannot make others."""
     found, missing = {}, {}
-    for part in PARTS:
+    for part in ("accelerometer", *OTHERS):
         done = engine.attempt(functools.partial(make, part, source, chosen))
         if isinstance(done, engine.GravcalError):  # said without the folder that was looked into
             products = done.facts.get("products")
@@ -66,7 +63,7 @@ def _attempted(make, source, chosen):
 def _made(part, source, chosen):
     """Products of a part by stage, with that of its search if it is wanted."""
     one, source, own = _owner(part, source, chosen)
-    made = PARTS[part](source, own)
+    made = OTHERS[part].made(source, own) if part in OTHERS else _accelerometer(source, own)
     return made | {"discovery": discover.searched(one, source, own)} if chosen.search else made
 
 
@@ -79,26 +76,6 @@ def _estimated(_source, chosen, aligned):
     return {"align": aligned, "estimate": routine.estimate(aligned, **chosen.for_stage("estimate"))}
 
 
-def _magnetometer(source, own):
-    aligned = magnetometer.aligned(source, own)
-    found = magnetometer.estimated(own, aligned)
-    checked = magnetometer_stages.checks(aligned, found, **own.for_stage("checks"))
-    return {"estimate": found, "align": aligned, "checks": checked}
-
-
-def _thrusters(source, own):
-    made = thrusters.products(source, own, thrusters.aligned(source, own))
-    found = thrusters.estimated(source, own, made["noise"], made["align"])
-    return {"estimate": found, "checks": thruster_stages.checks(made["align"], found, **own.for_stage("checks"))} | made
-
-
-def _ranging(source, own):
-    rows, checked = ranging.quiet_rows(source, own)
-    found = ranging_stages.estimate(rows, **own.for_stage("estimate"))
-    checked = ranging_stages.checks(checked, found, **own.for_stage("checks"))
-    return {"estimate": found, "align": rows, "checks": checked}
-
-
 def _aligned(source, chosen):
     files = [source.file(*names) for names in CALIBRATION.inputs.values()] + source.files("MAG1B", "THR1B")
     satellite = catalog.satellite(source.satellite).settings()
@@ -108,8 +85,6 @@ def _aligned(source, chosen):
     return routine.align(*observed, **known, **chosen.for_stage("align"))
 
 
-#: {part: function (its source, its parameters) -> its products by stage, as its own flow makes them}
-PARTS = {one.__name__[1:]: one for one in (_accelerometer, _magnetometer, _thrusters, _ranging)}
 DISCOVERY = Discovery(
     lambda _source, chosen: chosen.for_stage("observe"),
     "gravcal.calibrations.routine.observations",

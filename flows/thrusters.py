@@ -16,15 +16,21 @@ TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
 @flow(name="thrusters")
 def calibrate(source, chosen):
     """Gain of the attitude thrusters about each axis, and delay of their tags."""
+    found, checked, records, measured, *heads = made(source, chosen).values()
+    reported = (found, measured, records, checked, *heads)
+    return thrusters.report(*reported, event=source.event, settings=chosen.for_report())
+
+
+def made(source, chosen):
+    """Estimate, checks, records, noise and heads by stage."""
     records = aligned(source, chosen)
-    _, measured, *heads = (known := products(source, chosen, records)).values()
-    solved = functools.partial(estimated, source, chosen, measured)
+    known = products(source, chosen, records)
+    solved = functools.partial(estimated, source, chosen, known["noise"])
     records, moved = DISCOVERY.taken_out(source, chosen, records, solved, known)
     found = solved(records)
     checked = thrusters.checks(records, found, **chosen.for_stage("checks"))
     found = thrusters.model_error(found, *moved) if moved else found
-    reported = (found, measured, records, checked, *heads)
-    return thrusters.report(*reported, event=source.event, settings=chosen.for_report())
+    return {"estimate": found, "checks": checked} | known | {"align": records}
 
 
 def aligned(source, chosen):
