@@ -8,9 +8,8 @@ from gravcal import catalog
 from gravcal.browse import store_index
 from gravcal.errors import CatalogError
 from gravcal.report.documents import WITH_RESULT
-from gravcal.report.plain import csv_text
+from gravcal.report.plain import EPOCH, csv_text
 
-EPOCH = datetime.datetime(2000, 1, 1, 12)
 CATALOGUE = (
     *("event", "calibration", "satellite", "date", "origin", "status"),
     *("quantity", "value", "sigma", "sigma_total", "unit", "verdict", "report", "document", "product"),

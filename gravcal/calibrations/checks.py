@@ -43,10 +43,8 @@ def largest(values: np.ndarray) -> float:
 
 def product(checks: Sequence[Check]) -> xr.Dataset:
     """Checks as a product of the schema "checks"."""
-    from gravcal.calibrations.schemas import build
-
     columns = {name: [getattr(one, name) for one in checks] for name in ("value", "limit", "unit", "passed")}
-    return build(schemas.of("shared.toml")["checks"], {"check": [one.name for one in checks]} | columns)
+    return schemas.build(schemas.of("shared.toml")["checks"], {"check": [one.name for one in checks]} | columns)
 
 
 def of_product(dataset: xr.Dataset) -> list[Check]:

@@ -14,19 +14,15 @@ WITH_RESULT = ("delivered", "questionable")
 OPERATIONAL = "operational"
 
 
-def traced(calibration: str, products: Mapping) -> dict:
-    """Provenance of a document: digests of its products {stage or "stage.variant": Dataset}, None left out."""
-    known = {f"{calibration}.{name}": one for name, one in products.items() if one is not None}
-    return {"products": {name: product.digest(one)[:12] for name, one in known.items()}}
-
-
 def delivered(calibration, body: Mapping, products: Mapping, checks: Sequence, *, event, settings) -> dict:
     """Result document, `judged` and valid, of what was found: "status", "verdict" and the entries of its schema.
 
-    A discovery, of some "kind", has its settings in the provenance; its own digests go before those of the products.
+    Products are {stage or "stage.variant": Dataset or None}. A discovery, of some "kind", has its settings in the
+    provenance; its own digests go before those of the products.
     """
     head = {"schema_version": VERSION, "calibration": calibration, "event": event}
-    provenance = traced(calibration, products) | body.get("provenance", {})
+    digests = {f"{calibration}.{n}": product.digest(one)[:12] for n, one in products.items() if one is not None}
+    provenance = {"products": digests} | body.get("provenance", {})
     settings = {"settings": as_plain(settings)}
     tail = {"provenance": provenance | settings} if "kind" in body else settings | {"provenance": provenance}
     document = judged(head | as_plain(body) | tail, list(products.values()), checks)
@@ -45,7 +41,7 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
     The document as the calibration made it has "status", "settings" and, if it has one, "verdict" {"text"}; the
     products, Datasets, are those that the report reads.
     """
-    origin = origin_of(products)
+    origin = origins_together(one.attrs.get("origin", "") for one in products if one is not None) or MEASURED
     failed = [one for one in checks if not one.passed]
     status = "questionable" if failed and document["status"] == "delivered" else document["status"]
     doubt = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""
@@ -64,8 +60,3 @@ def settings_of(document: Mapping) -> Mapping:
 def said(check: checking.Check) -> str:
     """A failed check in words: what was found and its limit."""
     return f"{check.name} {check.value:.3g}, limit {check.limit:.3g} {check.unit if check.unit != '1' else ''}".rstrip()
-
-
-def origin_of(products: Sequence) -> str:
-    """Where the records of some products came from: "measured", "simulated", or "mixed"."""
-    return origins_together(one.attrs.get("origin", "") for one in products if one is not None) or MEASURED
