@@ -8,9 +8,7 @@ import numpy as np
 
 from gravcal.effects.base import Context, Laws, Parameter, axes, constant, drifting, each
 
-VOLTAGES = ("V_x1", "V_x2", "V_x3", "V_y", "V_z1", "V_z2")
-
-#: Rows a_x, a_y, a_z, wd_x, wd_y, wd_z; columns the voltages (Table 3).
+#: Rows a_x, a_y, a_z, wd_x, wd_y, wd_z; columns the voltages V_x1, V_x2, V_x3, V_y, V_z1, V_z2 (Table 3).
 READOUT = np.array(
     [
         [2.0, 1.0, 1.0, 0.0, 0.0, 0.0],
@@ -44,7 +42,7 @@ def volts(combined: np.ndarray) -> np.ndarray:
     return combined @ np.linalg.inv(READOUT).T
 
 
-#: The context holds `extra["volts"]` (n, 6) V as VOLTAGES, and `extra["displacement_b"]` (n, 3) m of the test mass.
+#: The context holds `extra["volts"]` (n, 6) V in that order, and `extra["displacement_b"]` (n, 3) m of the test mass.
 EFFECTS = Laws()
 law = EFFECTS.law
 _PAPER = "Remote Sens. 2023, 15, 3817"

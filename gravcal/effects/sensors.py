@@ -12,10 +12,6 @@ _REFERENCE = "CoM paper, erratum C-10: a lag of tau scales a 12 s signal by cos(
 _CLOCK = "receiver clock, GRACE-FO CLK1B drift is of order 1e-8 s/s"
 
 
-def _late(context, values):
-    return np.full(np.shape(context.time), values[0])
-
-
 for _word, _channel, _what in (
     ("accelerometer", "acc_delay", "accelerometer"),
     ("star_camera", "sca_delay", "star camera"),
@@ -24,7 +20,9 @@ for _word, _channel, _what in (
     ("orbit", "orbit_delay", "orbit"),
 ):
     _delay = Parameter("delay", "s", f"{_what} tags are late by", 0.1)
-    TIMING.law(f"timing.{_word}_delay", _channel, (_delay,), _REFERENCE)(_late)
+    TIMING.law(f"timing.{_word}_delay", _channel, (_delay,), _REFERENCE)(
+        lambda context, values: np.full(np.shape(context.time), values[0])
+    )
 
 _RATE = Parameter("rate", "s s-1", "accelerometer tags run late at", 1e-6)
 TIMING.law("timing.clock_drift", "acc_delay", (_RATE,), _CLOCK)(

@@ -115,37 +115,23 @@ def _sections(document):
     torque = document["torque"]
     above = [str(n) for n, yes in zip(torque["degrees"], torque["above_sensitivity"], strict=True) if yes]
     notes = [WORDS.note("torque"), WORDS.note("above", degrees=", ".join(above) or "none")]
-    know = [WORDS.note("rank"), WORDS.note("knowledge")]
-    return [
-        Section("Drag", [WORDS.table("methods", document), _budget_table(document)], [_errors, _series]),
-        Section("Gravity-gradient torque", (), [_spectra, _degrees], notes),
-        Section("Equation 3 against equation 1", (), [_printed_torque], [WORDS.note("printed")]),
-        Section("Centre of pressure", [_pressure_table(document)], (), [WORDS.note("pressure")]),
-        Section("What one sensor can tell", _knowledge_tables(document), (), know),
-    ]
-
-
-def _budget_table(document):
-    rows = [
+    budget = [
         {"method": WORDS.notes["methods"][name], "cause": source, "sigma": values}
         for name, block in document["drag"].items()
         for source, values in block["budget"].items()
     ]
-    return WORDS.table("budget", rows)
-
-
-def _knowledge_tables(document):
-    own = document["identifiability"]
+    balance = document.get("centre_of_pressure_m") or dict.fromkeys(BALANCE, (None,) * 3)
+    centre = [{"k": k, "axis": axis, **document["panel_pressure_m"], **balance} for k, axis in enumerate(AXES)]
+    own, know = document["identifiability"], [WORDS.note("rank"), WORDS.note("knowledge")]
     null = [[f"{v:+.2f}" for v in vector] for vector in own["null_space"]["vectors"]]
     null = WORDS.table("null", null, heads=own["null_space"]["unknowns"], **own)
-    return [WORDS.table("knowledge", document), null]
-
-
-def _pressure_table(document):
-    """What panels say of the centre of pressure, and what the torque balance of the record does."""
-    balance = document.get("centre_of_pressure_m") or dict.fromkeys(BALANCE, (None,) * 3)
-    rows = [{"k": k, "axis": axis, **document["panel_pressure_m"], **balance} for k, axis in enumerate(AXES)]
-    return WORDS.table("pressure", rows)
+    return [
+        Section("Drag", [WORDS.table("methods", document), WORDS.table("budget", budget)], [_errors, _series]),
+        Section("Gravity-gradient torque", (), [_spectra, _degrees], notes),
+        Section("Equation 3 against equation 1", (), [_printed_torque], [WORDS.note("printed")]),
+        Section("Centre of pressure", [WORDS.table("pressure", centre)], (), [WORDS.note("pressure")]),
+        Section("What one sensor can tell", [WORDS.table("knowledge", document), null], (), know),
+    ]
 
 
 @WORDS.figure("torque")

@@ -272,7 +272,6 @@ class Noise:
 
     factor: dict[int, np.ndarray]  #: {head: (3, 3) rad-1}, inverse Cholesky factor of the covariance of its errors
     models: list[NoiseModel]  #: noise model of each of the three decorrelated components
-    samples: int  #: quiet epochs it was measured from
 
     def rows(self, segment: Segment, signal: np.ndarray) -> np.ndarray:
         """Whitened rows (3 m, q) of a signal (n, 3, q) rad on the even grid of a block; others are zero."""
@@ -288,7 +287,7 @@ def noise_of(measured: xr.Dataset) -> Noise:
     one = {name: measured[name].values for name in measured.variables}
     factor = {int(head): factor for head, factor in zip(one["head"], one["factor"], strict=True)}
     models = [NoiseModel(r, v, float(one["step"])) for r, v in zip(one["reflection"], one["variance"], strict=True)]
-    return Noise(factor, models, int(one["samples"]))
+    return Noise(factor, models)
 
 
 def quiet_noise(
