@@ -150,7 +150,7 @@ def product(request):
     table = series.table(found.ref.path, shown) if shown and not shown.plottable else None
     with contents.opened(found.ref.path) as file:
         attributes = {name: str(one) for name, one in contents.attributes(file).items() if name != "gravcal_recipe"}
-    return _filled("product.html", request, found=found, held=held, shown=shown, wish=wish, table=table,
+    return _filled("product.html", request, found=found, held=held.values(), shown=shown, wish=wish, table=table,
                    chosen=plots.chosen(shown, wish.columns) if shown and shown.plottable else (),
                    relatives=store_index.relatives(found), siblings=store_index.siblings(found), attributes=attributes,
                    tree=history.tree(found), views=plots.VIEWS)  # fmt: skip
@@ -245,11 +245,10 @@ def _wish(request, variable):
 
 def _shown(held, name):
     """Variable that the page shows: the one asked for, else the first of those that vary along time."""
-    asked = next((one for one in held if one.name == name), None)
-    plain = [one for one in held if one.plottable and one.name not in one.dims]
+    plain = [one for one in held.values() if one.plottable and one.name not in one.dims]
     timed = [one for one in plain if one.dims[one.axis].startswith("time")]
     best = [one for one in timed if one.dtype.startswith("float") and one.units != "1"]
-    return asked or next(iter([*best, *timed, *plain, *held]), None)
+    return held.get(name) or next(iter([*best, *timed, *plain, *held.values()]), None)
 
 
 def _filled(template, request, status=200, **content):

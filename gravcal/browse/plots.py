@@ -170,7 +170,7 @@ def _traces(wish):
 def _asked(key, name):
     """Path of a product and its variable."""
     found = store_index.entry(key)
-    variable = series.find(found.ref.path, name) if found else None
+    variable = series.listed(found.ref.path).get(name) if found else None
     if variable is None or not variable.plottable:
         raise series.Missing(f"{key[:12]} {name}: found no numbers along an axis")
     return found.ref.path, variable

@@ -59,22 +59,17 @@ class Variable:
 
 
 @functools.lru_cache(maxsize=256)
-def listed(path: Path) -> tuple[Variable, ...]:
-    """Variables of a product, coordinates first; it never changes, so they are read once."""
+def listed(path: Path) -> dict[str, Variable]:
+    """Variables of a product by name, coordinates first; it never changes, so they are read once."""
     with product.opened(path) as file:
         names = sorted(file.variables, key=lambda name: (name not in file.dimensions, name))
-        return tuple(_variable(file, name) for name in names)
-
-
-def find(path, name):
-    """One variable of a product by name, or None."""
-    return next((one for one in listed(path) if one.name == name), None)
+        return {name: _variable(file, name) for name in names}
 
 
 @functools.lru_cache(maxsize=1024)
 def is_time(path: Path, name: str) -> bool:
     """Whether a variable holds GPS seconds: its unit says so, or is s with values that no length of time has."""
-    variable = find(path, name)
+    variable = listed(path)[name]
     if variable.units != "s" or not (variable.dtype.startswith("float") or name == "gps_time"):
         return variable.units == TIME_UNITS
     with product.opened(path) as file:
@@ -88,7 +83,7 @@ def coordinate(path, variable):
     The kind is "time", "value" or "index".
     """
     name = variable.dims[variable.axis]
-    found = find(path, name)
+    found = listed(path).get(name)
     if found is None or found.dtype == "text" or found.shape != (variable.shape[variable.axis],):
         return "", "index", f"{name} (number)"
     if is_time(path, name):
@@ -99,7 +94,7 @@ def coordinate(path, variable):
 @functools.lru_cache(maxsize=8)
 def read(path: Path, name: str, number: int = 0) -> np.ndarray:
     """Samples (n,) of a series of a variable, by its number, as floats; products never change, so the last stay."""
-    variable = find(path, name)
+    variable = listed(path)[name]
     index = list(np.unravel_index(number, np.delete(variable.shape, variable.axis)))
     index.insert(variable.axis, slice(None))
     with product.opened(path) as file:

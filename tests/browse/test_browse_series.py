@@ -18,7 +18,7 @@ def written(path, x, values):
     """First column of a variable in a file."""
     data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
     product.write(data, path)
-    variable = series.find(path, "v")
+    variable = series.listed(path)["v"]
     coordinate, kind, _ = series.coordinate(path, variable)
     assert kind == "time"
     return series.series(path, "v", 0, coordinate)
