@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -51,11 +51,6 @@ def of_product(dataset: xr.Dataset) -> list[Check]:
     """Checks of a product."""
     columns = (dataset[name].values.tolist() for name in ("check", "value", "limit", "unit", "passed"))
     return [Check(*row[:4], bool(row[4])) for row in zip(*columns, strict=True)]
-
-
-def plain(checks: Iterable[Check]) -> list[dict]:
-    """Checks as a result document has them; a value that is not finite becomes null."""
-    return [asdict(one) | {"value": one.value if np.isfinite(one.value) else None} for one in checks]
 
 
 def longest_constant(time: np.ndarray, values: np.ndarray, longest_step: float = np.inf) -> float:

@@ -48,7 +48,7 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
     verdict = document.get("verdict")
     told = {"verdict": verdict | {"text": foreword(origin) + doubt + verdict["text"]}} if verdict else {}
     configuration = settings_of(document).get("configuration", OPERATIONAL)
-    added = {"origin": origin, "configuration": configuration, "checks": checking.plain(checks)}
+    added = {"origin": origin, "configuration": configuration, "checks": as_plain(list(map(vars, checks)))}
     return dict(document) | {"status": status} | added | told
 
 

@@ -74,16 +74,10 @@ def _joined(observed):
 
 def states(orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
     """Time (n,) s and inertial position (n, 3) m of the usable records of an orbit file."""
-    time, position, velocity = states_of_file(orbit)
+    time, state = usable(orbit, STATE)
     if orbit.attrs.get("product") != "GNI1B" and time.size:
-        position, _ = earth.state_to_inertial(time, position, velocity)
-    return time, position
-
-
-def states_of_file(orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time (n,) s, position (n, 3) m and velocity (n, 3) m s-1 of the usable records, in the frame of the file."""
-    time, values = usable(orbit, STATE)
-    return time, values[:, :3], values[:, 3:]
+        return time, earth.state_to_inertial(time, state[:, :3], state[:, 3:])[0]
+    return time, state[:, :3]
 
 
 def _common_grid(times, observed):

@@ -6,7 +6,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import checks
-from gravcal.calibrations.align import in_windows, late_of_pair
+from gravcal.calibrations.align import STATE, in_windows, late_of_pair, usable
 from gravcal.calibrations.checks import Check, at_least, at_most
 from gravcal.calibrations.kbr_phase_centre import align, model
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES
@@ -57,7 +57,7 @@ def _of_orbits(orbits, limits):
     found = []
     for letter in sorted({one.attrs["satellite"] for one in orbits}):
         own = [one for one in orbits if one.attrs["satellite"] == letter]
-        rate = max(checks.velocity_error(*align.states_of_file(one)) for one in own)
+        rate = max(checks.velocity_error(t, s[:, :3], s[:, 3:]) for t, s in (usable(one, STATE) for one in own))
         found.append(at_most(f"orbit {letter}, position against velocity", rate, limits["velocity_limit_m_s"], "m s-1"))
         names = list(dict.fromkeys(one.attrs["product"] for one in own))
         if len(names) > 1:

@@ -14,6 +14,7 @@ from gravcal.calibrations.causes import listed, unknown
 from gravcal.effects import Context, catalogue
 from gravcal.estimation.records import Block, Candidate, Observations, Reported, Weighed
 from gravcal.physics import earth, magnetic
+from gravcal.physics.frames import cross_matrix
 
 EPOCH = 633830400.0  # s GPS, 2020-02-01 12:00
 HEIGHT_M = 490e3
@@ -62,11 +63,6 @@ def detrended(reading_b: np.ndarray) -> np.ndarray:
     return (np.sqrt(WEIGHTS)[:, None] * rest).reshape(-1, reading_b.shape[2])
 
 
-def euler_columns(alpha_b: np.ndarray) -> np.ndarray:
-    """Reading (n, 3, 3) per offset, -[alpha x] of (n, 3) rad s-2: CoM paper eq. 5, first term; the other is < 1 %."""
-    return np.stack([-np.cross(alpha_b, unit) for unit in np.eye(3)], axis=2)
-
-
 @functools.lru_cache(maxsize=32)
 def arc(kind: str, latitude_class: str, heading: int, about: tuple, latitude: float | None = None) -> Arc:
     """Manoeuvre in the middle of its area, or at another latitude (deg); heading +1 where x points north, -1 south.
@@ -85,7 +81,8 @@ def arc(kind: str, latitude_class: str, heading: int, about: tuple, latitude: fl
     wave = np.where((time // (PERIOD_S / 2)) % 2 == 0, 1.0, -1.0)
     dipole_b = dipole * wave[:, None] * np.eye(3)[rod]
     alpha = np.cross(dipole_b, field_b) / np.array(moments)
-    return Arc(dipole_b, alpha, np.linalg.pinv(detrended(euler_columns(alpha))))
+    # the reading per offset is -[alpha x]: CoM paper eq. 5, first term; the other is < 1 %
+    return Arc(dipole_b, alpha, np.linalg.pinv(detrended(-cross_matrix(alpha))))
 
 
 @dataclass(frozen=True)
@@ -233,7 +230,7 @@ def of_readings(form: str, arcs: list[Arc], mean: np.ndarray) -> list[Candidate]
         return listed(entry, [arc.answer(reading(entry, arc)) for arc in arcs], form)
 
     def leak(entry, arc):
-        linear, time = euler_columns(arc.alpha_b) @ mean, np.arange(len(arc.alpha_b), dtype=float)
+        linear, time = -cross_matrix(arc.alpha_b) @ mean, np.arange(len(arc.alpha_b), dtype=float)
         return entry.columns(Context(time=time, dipole_b=arc.dipole_b, angular_b=arc.alpha_b, linear_b=linear))
 
     def rate(entry, arc):  # of the current of each rod: spikes at the edges of its wave
@@ -241,7 +238,7 @@ def of_readings(form: str, arcs: list[Arc], mean: np.ndarray) -> list[Candidate]
         return entry.columns(Context(time=np.arange(len(change), dtype=float), dipole_b=change))
 
     def scale(_, arc):  # too large by a share: a gain of dipole or inertia, or of the sensor
-        return np.stack([euler_columns(arc.alpha_b * unit) @ -mean for unit in np.eye(3)], axis=2)
+        return np.stack([cross_matrix(arc.alpha_b * unit) @ mean for unit in np.eye(3)], axis=2)
 
     spikes = made("accelerometer.current_leak", rate)
     count = len(spikes.names)
