@@ -343,11 +343,8 @@ class Trim:
     source: str
 
 
-def published(calibration, event=None):
-    """Published values of a calibration by section ("combined", "history" ...), tuples of Published.
-
-    Of an event, or of none in particular, where one is given.
-    """
+def published(calibration):
+    """Published values of a calibration by section ("combined", "history" ...), tuples of Published."""
     _, tables = read("published", "tables")
     sections = {}
     for table in tables.values():
@@ -361,11 +358,7 @@ def published(calibration, event=None):
     if not sections:
         known = sorted({table["calibration"] for table in tables.values()})
         raise _unknown("calibration with published values", calibration, known, where="catalogue")
-    chosen = {
-        name: tuple(one for one in records if event is None or not one.events or event in one.events)
-        for name, records in sections.items()
-    }
-    return {name: records for name, records in chosen.items() if records}
+    return {name: tuple(records) for name, records in sections.items() if records}
 
 
 def trims(satellite=None):

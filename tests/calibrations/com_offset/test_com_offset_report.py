@@ -2,6 +2,7 @@
 
 import json
 import re
+from types import SimpleNamespace
 
 import com_offset_chain as tools
 import numpy as np
@@ -18,9 +19,11 @@ from gravcal.io.vcm import read_line
 from gravcal.report import documents
 from gravcal.report.plain import plus_minus
 from gravcal.store.schemas import validate
+from tasks import common
 
 EVENT = "grace-c-2020-02-01"
 SETTINGS = catalog.parameters("com_offset").for_report() | tools.SATELLITE
+PRINTED = {n: [SimpleNamespace(**one) for one in own] for n, own in common.printed_of("com_offset", EVENT).items()}
 
 
 def made(**settings):
@@ -160,7 +163,7 @@ def test_the_adopted_offset_goes_into_a_vcm_line(document):
 @pytest.fixture(scope="module")
 def html(document, products):
     """Page of the event, which all tests look at."""
-    return page.html(document, products, catalog.published("com_offset", EVENT), page.vcm_line(document, "C"))
+    return page.html(document, products, PRINTED, page.vcm_line(document, "C"))
 
 
 def test_the_page_says_the_numbers_of_the_document(html, document, products):
@@ -173,7 +176,7 @@ def test_the_page_says_the_numbers_of_the_document(html, document, products):
     assert page.vcm_line(document, "C") in body
     assert [int(n) for n in re.findall(r"<b>Figure (\d+)\.</b>", html)] == list(range(1, 8))
     simulated = documents.judged(document, [xr.Dataset(attrs={"origin": "simulated"})], [])
-    text = page.html(simulated, dict.fromkeys(products), catalog.published("com_offset", EVENT))
+    text = page.html(simulated, dict.fromkeys(products), PRINTED)
     mark = "What is printed belongs to measured data, this event is simulated."
     assert (text.count(mark), html.count(mark)) == (3, 0)
 
@@ -187,7 +190,7 @@ def test_what_is_missing_is_left_out_and_printed_manoeuvres_are_matched_by_kind_
     assert html.count("<figure ") == 2  # estimates, from the document; attitude
     assert html.count("not used: gap in orbit") == 1
     assert "<b>x</b>" not in html
-    found = page.printed_manoeuvres(document, catalog.published("com_offset", EVENT))
+    found = page.printed_manoeuvres(document, PRINTED)
     kinds = [one["kind"] for one in document["manoeuvres"]]
     assert found[kinds.index("pitch"), "mtq"].value == (109.5, None, 22.9)
     assert found[kinds.index("yaw"), "mtq"].value == (-6.0, 1.8, 8.8)
