@@ -202,7 +202,7 @@ def discovery(document, files, json_path):
 
 
 def joint(found, json_path):
-    """What many events of each satellite say, and what their models share."""
+    """Verdict on many events of each satellite, what their models share and where the pages are."""
     documents = [document | {"changes": notes} for document, _, notes in found]
     both = joint_report.shared(documents) if len(documents) > 1 else []
     if not delivered(documents[0] | ({"others": documents[1:], "shared": both} if documents[1:] else {}), json_path):
@@ -215,18 +215,6 @@ def joint(found, json_path):
 
 def _joint(document, files, notes):
     say(f"{document['event']}: {document['verdict']['text']}")
-    rows = []
-    for one in document["causes"]:
-        rows += [
-            [one["cause"], one["scope"], values["of"], name, *plain.measured(p["value"], p["sigma"], p["unit"])]
-            for values in one["values"]
-            for name, p in values["parameters"].items()
-        ]
-    if rows:
-        table(["cause", "scope", "of", "parameter", "value", "unit"], rows)
-    for last in document["predicted"][-1:]:
-        values = [plain.plus_minus(v, s) for v, s in zip(last["value"], last["sigma"], strict=True)]
-        table([f"predicted ({document['unit']})", *document["parameters"]], [[last["date"], *values]])
     for event, reason in document["provenance"]["settings"]["left_out"].items():
         note(f"{event} left out: {reason}")
     for text in notes:
