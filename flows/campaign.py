@@ -249,7 +249,9 @@ def _make_all(campaign, sources, rows, listener):
             as_tasks(waiting, row_of)
             shown, left_out = table([rows[number] for number in waiting])
             description = f"Events of the campaign that had something to make{left_out}"
-            create_table_artifact(table=shown, key=f"{slug(campaign.calibration)}-events", description=description)
+            create_table_artifact(
+                table=shown, key=f"{campaign.calibration.replace('_', '-')}-events", description=description
+            )
 
         if campaign.engine == "flow":
             return as_tasks(waiting, row_of)
@@ -303,8 +305,3 @@ def table(rows):
     """Rows as a page can show them, the failed first; and in words what is left out, "" if nothing is."""
     shown = sorted(rows, key=lambda row: (row["status"] != "failed", row["status"] != "questionable"))[:ROWS]
     return shown, f"; {len(rows) - ROWS} of {len(rows)} events are not shown" if len(rows) > ROWS else ""
-
-
-def slug(name):
-    """Name as keys of artifacts and names of deployments are written."""
-    return name.replace("_", "-")

@@ -60,9 +60,11 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
     usual = sum(m.count * m.duration_s for m in catalog.design(one.design).manoeuvres) / 60
     noise = noise_of(one, satellite, configurations.chosen(name, {}))
     with tempfile.TemporaryDirectory(prefix="gravcal-design-") as folder, other_store(str(Path(folder) / "store")):
-        place = Place(one, Path(folder), satellite, date, limits, say, noise["settings"])
+        about = one, Path(folder), satellite, date
+        place = Place(*about, limits, say, noise["settings"])
         if hasattr(one.planning, "library"):
-            options = [place.at(period) for period in np.atleast_1d(limits["period_s"]).tolist()]
+            periods = ({"period_s": period} for period in np.atleast_1d(limits["period_s"]).tolist())
+            options = [Place(*about, limits | one, say, noise["settings"]) for one in periods]
             found = [(*option.of_library(minutes or usual, causes), option) for option in options]
             _, plan, new, place = min(found, key=lambda one: one[0])
             old = place.published(causes)
@@ -129,11 +131,6 @@ class Place:
     def __init__(self, one, folder, satellite, date, limits, say, noise=None):
         self.one, self.folder, self.satellite, self.date = one, folder, satellite, date
         self.limits, self.say, self.noise = limits, say, noise or {}
-
-    def at(self, period):
-        """The same place for manoeuvres of one period, s."""
-        about = self.folder, self.satellite, self.date, self.limits | {"period_s": period}, self.say, self.noise
-        return Place(self.one, *about)
 
     def chosen(self, plan):
         """Settings of the calibration, which looks for the period of a plan, where it looks for one."""

@@ -103,10 +103,11 @@ def _campaign(calibration, satellite, data, settings, workers, joint):
             prefect.task(lambda: campaign.state_of([row]), **how)(return_state=True)
 
     summary = campaign.run(campaign.Campaign(calibration, chosen, "flow", None, workers), sources, listener)
-    key, (rows, left_out) = campaign.slug(calibration), campaign.table(summary["events"])
+    key, (rows, left_out) = calibration.replace("_", "-"), campaign.table(summary["events"])
     shown, description = [_table_row(row) for row in rows], f"Events and their values{left_out}"
     create_table_artifact(table=shown, key=f"{key}-values", description=description)
-    links = [f"- [{row['event']}]({link})" for row in rows for link in _links(row)]
+    made = {row["event"]: Path(row["report"]) for row in rows if "report" in row}
+    links = [f"- [{event}]({_address(page)})" for event, one in made.items() for page in sorted(one.glob("*.html"))]
     if links:
         create_markdown_artifact("\n".join(links), key=f"{key}-reports", description="Reports of the events")
     if joint and load(calibration).discovery is not None:
@@ -127,7 +128,7 @@ def _together(calibration, satellite, data, chosen, workers):
     for document, files, changes in found:
         lines += ["", f"{document['event']}: {document['verdict']['text']}", "", *(f"- changed: {t}" for t in changes)]
         lines += [f"- [{path.name}]({_address(path)})" for path in files if path.suffix == ".html"]
-    create_markdown_artifact("\n".join(lines), key=f"{campaign.slug(calibration)}-joint", description=TOGETHER)
+    create_markdown_artifact("\n".join(lines), key=f"{calibration.replace('_', '-')}-joint", description=TOGETHER)
 
 
 def _table_row(row):
@@ -135,13 +136,6 @@ def _table_row(row):
     shown = {key: row.get(key, "") for key in ("event", "status", "origin", "made", "reused", "seconds")}
     said = {"values": row.get("said", ""), "said": row.get("error") or row.get("verdict", "")}
     return shown | said | {"report": row.get("report", "")}
-
-
-def _links(row):
-    """Addresses of the pages of a report: where they are served, otherwise the files themselves."""
-    folder = row.get("report")
-    for page in sorted(Path(folder).resolve().glob("*.html")) if folder else []:
-        yield _address(page)
 
 
 def _address(page):

@@ -12,7 +12,6 @@ checks_science = lazy("gravcal.calibrations.gradient_torque.checks")
 page = lazy("gravcal.calibrations.gradient_torque.page")
 
 GRADIENT, FIELD, DRAG = "gradient_torque.gradient", "gradient_torque.field", "gradient_torque.drag"
-product.register("ingest", product.ANY)
 KINDS = product.registered("gradient_torque", **schemas.of("gradient_torque.toml"))
 
 
