@@ -160,7 +160,7 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
     roots = {link for link in (*latest.glob("*/*"), *latest.glob("*/as/*/*"), *_pins().glob("*")) if link.is_symlink()}
     needed = store.ancestry(*(link.readlink().name for link in roots - set(dropped)))
     unused = [folder for folder in folders() if folder.name not in needed]
-    for name in ("quarantine", "locks"):  # locks that were left when a process was killed
+    for name in ("quarantine", "locks", "tmp"):  # the last two hold what was left when a process was killed
         unused += sorted((location.folder() / name).glob("*"))
     gone, left = [(link, 0) for link in dropped], size() if quota is not None else 0
     for age, path in sorted(((_age_s(path), path) for path in unused), reverse=True):

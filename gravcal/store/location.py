@@ -8,12 +8,8 @@ import contextvars
 import errno
 import json
 import os
-import platform
-import shutil
 import uuid
 from pathlib import Path
-
-import psutil
 
 from gravcal.errors import ProductError
 
@@ -24,7 +20,6 @@ REMEDIES = {errno.ENOSPC: FULL, errno.EDQUOT: FULL, errno.ENOTDIR: TAKEN, errno.
     errno.EXDEV: "Keep its folders objects, tmp and quarantine on one file system"
 }
 _running = contextvars.ContextVar("gravcal_configuration", default=OPERATIONAL)
-_swept = set()
 
 
 def folder():
@@ -59,23 +54,14 @@ def links(event, name=None):
 
 
 def prepare():
-    """Create the folders of the store and, once per process, remove what dead processes left half-written."""
-    root = folder()
-    if root in _swept and all((root / name).is_dir() for name in NAMES):
-        return
+    """Create the folders of the store."""
     for name in NAMES:
-        (root / name).mkdir(parents=True, exist_ok=True)
-    for path in (root / "tmp").iterdir():
-        host, _, pid = path.name.rpartition("-")[0].rpartition("-")
-        is_ours = host == platform.node() and pid.isdecimal()
-        if is_ours and not psutil.pid_exists(int(pid)):
-            shutil.rmtree(path, ignore_errors=True)
-    _swept.add(root)
+        (folder() / name).mkdir(parents=True, exist_ok=True)
 
 
 def new_aside():
-    """Path for a folder that is being made or removed; swept when this process dies before it is done."""
-    return folder() / "tmp" / f"{platform.node()}-{os.getpid()}-{uuid.uuid4().hex[:12]}"
+    """Path for a folder that is being made or removed; what a killed process leaves there goes with the next prune."""
+    return folder() / "tmp" / uuid.uuid4().hex
 
 
 def write_json(path, value, indent=None):
