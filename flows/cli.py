@@ -397,7 +397,7 @@ def list_products(event, stage, as_, all_, json) -> None:
 
 @command_of(products)
 def show(product, json) -> None:
-    """Show what one product holds and how it was made."""
+    """Show what one product holds and the settings it was made with."""
     entry = housekeeping.resolve(product)
     if not output.delivered(entry.record, json):
         return
@@ -409,11 +409,7 @@ def show(product, json) -> None:
     ]
     output.table(["variable", "dimensions", "type", "units", "meaning"], rows)
     output.say("")
-    recipe = entry.record["recipe"]
-    output.table(["setting", "value"], [[name, value] for name, value in recipe["settings"].items()])
-    output.say("")
-    facts = ("made", "machine", "seconds", "stage", "digest", "versions")
-    output.table(["made", ""], [[name, entry.record.get(name, "")] for name in facts])
+    output.table(["setting", "value"], [*entry.record["recipe"]["settings"].items()])
 
 
 @command_of(products)
