@@ -21,13 +21,12 @@ import numpy as np
 from gravcal import catalog
 from gravcal.errors import CatalogError, refuse
 from gravcal.io import archive
-from gravcal.store import schemas
+from gravcal.store import results, schemas
 from tasks import common, discovery
 from tasks.stage import lazy, read
 
 GROUP = "gravcal.calibrations"
 EPOCH = datetime(2000, 1, 1, 12)  # of GPS seconds
-SI = {"um": 1e-6, "mm": 1e-3, "m": 1.0}
 RESULT = ((1, "correction"), (2, "covariance"))  # of the result of a model: power of its unit, name
 WRITTEN = "Write it with gravcal discover."
 
@@ -253,7 +252,7 @@ def model_text(path: Path) -> str:
     if "result" in content:
         one = content["result"]
         try:
-            shift, added = (SI[one["unit"]] ** n * np.array(one[name], dtype=float) for n, name in RESULT)
+            shift, added = (results.METRES[one["unit"]] ** n * np.array(one[name], dtype=float) for n, name in RESULT)
         except ValueError:
             shift, added = np.zeros(0), np.zeros(1)
         if added.shape != (shift.size, shift.size):

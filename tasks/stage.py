@@ -261,13 +261,16 @@ def _make(call, key, wanted, modules):
 
 
 def _origin(call, contents, stated, own):
-    """Origin of what a stage made: that of all its inputs, of a file what the event, the body or its header says."""
+    """Origin of what a stage made: that of all its inputs, of a file what the event, the body or its header says.
+
+    What the body says may make measured simulated, never the reverse.
+    """
     inputs_of = zip(call.inputs, contents, strict=True)
     found = [
         (stated or own or archive.origin_of(item)) if keys.is_file(item) else content.attrs.get("origin", "")
         for item, content in inputs_of
     ]
-    return product.raised_origin(product.origins_together(found), own)
+    return max(product.origins_together(found), own, key=("", *product.ORIGINS).index)
 
 
 def _of_input(error, call):

@@ -103,9 +103,7 @@ class Combination:
     own: np.ndarray  #: (p, p), by the errors of single blocks
 
 
-def combine(
-    scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray], prior: np.ndarray | None = None
-) -> Combination:
+def combine(scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray], prior: np.ndarray) -> Combination:
     """Blocks joined by their estimating equations.
 
     scores : one a block
@@ -114,7 +112,6 @@ def combine(
     prior : (p, p) information about zero, loose, so that what is not determined does not disturb the rest
     """
     weight = [weakening(s.information, m) for s, m in zip(scores, own, strict=True)]
-    prior = np.zeros_like(scores[0].information) if prior is None else prior
     normal = prior + sum(w @ s.normal for w, s in zip(weight, scores, strict=True))
     right = sum(w @ s.right for w, s in zip(weight, scores, strict=True))
     weighted = [w @ s.information for w, s in zip(weight, scores, strict=True)]

@@ -299,8 +299,3 @@ def origins_together(origins: Iterable[str]) -> str:
     """Origin of what is made of several; "" says nothing and changes nothing."""
     distinct = {one for one in origins if one}
     return distinct.pop() if len(distinct) == 1 else MIXED if distinct else ""
-
-
-def raised_origin(origin: str, own: str) -> str:
-    """Origin by the inputs and what a stage says itself, which may make measured simulated and never the reverse."""
-    return max(origin, own, key=("", *ORIGINS).index)

@@ -32,12 +32,15 @@ def test_projecting_nuisance_out_equals_estimating_it_along():
     assert_allclose(least_squares.without(np.zeros((60, 2)), y), y)
 
 
+FREE = np.zeros((3, 3))  # no prior
+
+
 def test_blocks_joined_equal_one_large_least_squares():
     """Analytic: three blocks with nuisance of their own against one stacked design."""
     rng = np.random.default_rng(3)
     blocks = [block(rng) for _ in range(3)]
     joined = least_squares.combine(
-        [least_squares.score(*b) for b in blocks], [np.zeros((0, 3))] * 3, [np.zeros((0, 3))] * 3
+        [least_squares.score(*b) for b in blocks], [np.zeros((0, 3))] * 3, [np.zeros((0, 3))] * 3, FREE
     )
     N = np.zeros((180, 12))
     for i, b in enumerate(blocks):
@@ -63,7 +66,7 @@ def test_own_and_shared_errors_weight_like_the_dense_covariance():
     own = [0.3 * rng.standard_normal((2, 3)) for _ in range(4)]
     estimates = [rng.standard_normal(3) for _ in range(4)]
     scores = [Score(i @ x, i, i) for i, x in zip(information, estimates, strict=True)]
-    joined = least_squares.combine(scores, own, [np.zeros((0, 3))] * 4)
+    joined = least_squares.combine(scores, own, [np.zeros((0, 3))] * 4, FREE)
     weight = [np.linalg.inv(np.linalg.inv(i) + m.T @ m) for i, m in zip(information, own, strict=True)]
     total = np.linalg.inv(sum(weight))
     value = total @ sum(w @ x for w, x in zip(weight, estimates, strict=True))
@@ -80,7 +83,7 @@ def test_a_shared_error_moves_the_value_as_weighted_and_is_free_in_the_consisten
     shared = [np.array([[0.4, 0.1, -0.2]]) * f for f in (1.0, 2.0, -0.5)]
     estimates = [rng.standard_normal(3) for _ in range(3)]
     scores = [Score(i @ x, i, i) for i, x in zip(information, estimates, strict=True)]
-    joined = least_squares.combine(scores, [np.zeros((0, 3))] * 3, shared)
+    joined = least_squares.combine(scores, [np.zeros((0, 3))] * 3, shared, FREE)
     total = np.linalg.inv(sum(information))
     shift = total @ sum(i @ m[0] for i, m in zip(information, shared, strict=True))
     assert_allclose(joined.shift[0], shift, rtol=1e-9)
@@ -106,7 +109,7 @@ def test_consistency_of_consistent_blocks_is_chi_square():
         for A, i, m, s in zip(designs, information, own, shared, strict=True):
             moved = rng.standard_normal(2) @ m + common @ s
             scores.append(Score(A.T @ rng.standard_normal(30) + i @ moved, i, i))
-        joined = least_squares.combine(scores, list(own), list(shared))
+        joined = least_squares.combine(scores, list(own), list(shared), FREE)
         found.append(stats.chi2.sf(joined.chi2, joined.dof))
     assert stats.kstest(found, "uniform").pvalue > 1e-4
 
@@ -146,7 +149,7 @@ def test_what_a_block_does_not_tell_harms_no_other_component():
     """
     full, part = np.diag([2.0, 3.0, 4.0]), np.diag([5.0, 0.0, 0.0])
     scores = [Score(full @ [1.0, 2.0, 3.0], full, full), Score(part @ [2.0, 9.0, 9.0], part, part)]
-    joined = least_squares.combine(scores, [np.zeros((0, 3))] * 2, [np.zeros((0, 3))] * 2)
+    joined = least_squares.combine(scores, [np.zeros((0, 3))] * 2, [np.zeros((0, 3))] * 2, FREE)
     assert_allclose(joined.value, [12 / 7, 2.0, 3.0])
     assert joined.dof == 1
     assert joined.chi2 == pytest.approx(1.0 / (1 / 2 + 1 / 5))

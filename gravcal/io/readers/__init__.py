@@ -444,8 +444,9 @@ def _at_once(data, start, header_lines, table):
     columns = _layout(table, [piece for piece in pieces if piece])
     if columns is None or table.repeated:
         return None
-    names = iter(columns)
-    schema = {f"{i}": _polars_type(next(names)) if piece else polars.Boolean for i, piece in enumerate(pieces)}
+    types = dict.fromkeys(INTEGERS, polars.Int64) | dict.fromkeys(FLOATS, polars.Float64)
+    kinds = (types.get(column.kind, polars.String) for column in columns)
+    schema = {f"{i}": next(kinds) if piece else polars.Boolean for i, piece in enumerate(pieces)}
     try:
         frame = polars.read_csv(
             data, separator=" ", has_header=False, skip_lines=header_lines, schema=schema, quote_char=None
@@ -461,10 +462,6 @@ def _at_once(data, start, header_lines, table):
     arrays = {c.name: decode(series[c.name], c) for c in columns}
     floats = {c.name: arrays[c.name].astype(float) for c in table.optional if c.name in arrays and c.kind != "c"}
     return arrays | floats  # which know NaN; characters stay
-
-
-def _polars_type(column):
-    return polars.Int64 if column.kind in INTEGERS else polars.Float64 if column.kind in FLOATS else polars.String
 
 
 def _layout(table, tokens):
