@@ -164,7 +164,8 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
         unused += sorted((location.folder() / name).glob("*"))
     gone, left = [(link, 0) for link in dropped], size() if quota is not None else 0
     for age, path in sorted(((_age_s(path), path) for path in unused), reverse=True):
-        if age > keep_s or (quota is not None and left > quota and age > YOUNG_S):
+        keep = max(keep_s, YOUNG_S) if path.parent.name == "tmp" else keep_s  # a run may be writing it
+        if age > keep or (quota is not None and left > quota and age > YOUNG_S):
             gone.append((path, _size(path)))
             left -= gone[-1][1]
     for path, _ in gone if remove else []:
