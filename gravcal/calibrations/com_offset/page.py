@@ -56,8 +56,7 @@ def report(*products, event, satellite, settings, published):
     files["report.html"] = html(document, named, records, line)
     name = document.get("adopted", {}).get("variant")
     block = document["variants"][name] if name else {}
-    known = {key: np.array(block.get(f"{key}_um", [None] * 3), dtype=float) for key in SHOWN}
-    values = {key: 1e-6 * value for key, value in known.items()}
+    values = {key: 1e-6 * np.array(block.get(f"{key}_um", [None] * 3), dtype=float) for key in SHOWN}
     return build(SCHEMAS["report"], values, status=document["status"], adopted=name or "none", event=event), files
 
 

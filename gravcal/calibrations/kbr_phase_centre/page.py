@@ -49,11 +49,10 @@ def report(*products, event, settings, published, nominal_m):
         lines=("Result for the sequence-of-events file", files["result.soe"]) if "result.soe" in files else None,
     )
     blocks = list(document.get("adopted", {}).get("satellites", {}).values()) or [{}, {}]
-    known = {
-        name: np.array([one.get(key, [None] * 3) for one in blocks], dtype=float)
+    values = {
+        name: 1e-3 * np.array([one.get(key, [None] * 3) for one in blocks], dtype=float)
         for name, key in (("centre", "phase_centre_mm"), ("sigma", "sigma_mm"))
     }
-    values = {name: 1e-3 * value for name, value in known.items()}
     return build(SCHEMAS["report"], values, status=document["status"], event=event), files
 
 
