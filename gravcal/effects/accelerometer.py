@@ -54,14 +54,11 @@ _TONE = (
     *axes("", "m s-2", "amplitude along", 1e-10),
     Parameter("phase", "rad", "phase at the reference epoch", 1.0),
 )
-
-
-@law("accelerometer.stray_tone", "linear_b", _TONE, "disturbance of the platform", linear=False)
-def _tone(context: Context, values):
-    frequency, x, y, z, phase = values
-    return np.sin(2 * np.pi * frequency * (context.time - context.epoch) + phase)[:, None] * np.array([x, y, z])
-
-
+law("accelerometer.stray_tone", "linear_b", _TONE, "disturbance of the platform", linear=False)(
+    lambda context, values: (
+        np.sin(2 * np.pi * values[0] * (context.time - context.epoch) + values[4])[:, None] * np.asarray(values[1:4])
+    )
+)
 _SCALE = axes("", "1", "relative excess of the angular scale about", 0.05)
 law("accelerometer.angular_scale", "angular_b", _SCALE, "CoM paper eq. 31")(base.scaled("angular_b"))
 _ANGLE = axes("angle", "rad", "angular sensor turned about", 2e-3)

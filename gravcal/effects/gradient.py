@@ -12,6 +12,7 @@ import numpy as np
 
 from gravcal.effects.base import Context, Effect, Laws, Parameter, axes
 from gravcal.physics import frames, gravity
+from gravcal.physics.constants import EARTH_RADIUS, GM
 from gravcal.physics.sensing import offset_tensor, proof_mass_reading
 
 SOURCE = "S-GRS paper, eqs. 4-10 (errata S-2, S-3, S-5)"
@@ -57,9 +58,11 @@ def _tesseral(context: Context, values):
 
 
 def tesseral(position_e: np.ndarray, R_be: np.ndarray, degree: int = 2, order: int = 2) -> np.ndarray:
-    """Gravity gradient (n, 2, 3, 3) s-2 in b of C_nm = 1 and of S_nm = 1 at positions (n, 3) m, from R_be (n, 3, 3)."""
-    both = gravity.tesseral_gradient_e(position_e, degree, order)
-    return np.stack([gravity.rotate_tensor(R_be, both[:, k]) for k in range(2)], axis=1)
+    """Gravity gradient (n, 2, 3, 3) s-2 in b of C_nm = 1 and of S_nm = 1, normalised, at (n, 3) m; R_be (n, 3, 3)."""
+    unit, none = np.zeros((2, degree + 1, degree + 1))
+    unit[degree, order] = 1.0
+    fields = (gravity.Field(GM, EARTH_RADIUS, *pair) for pair in ((unit, none), (none, unit)))
+    return np.stack([gravity.rotate_tensor(R_be, gravity.gradient_e(one, position_e)) for one in fields], axis=1)
 
 
 _BIAS = axes("", "rad s-2", "constant angular reading about", 1e-9)

@@ -41,14 +41,9 @@ def ripples(angle: np.ndarray, period: float) -> np.ndarray:
 
 
 _SIZE = Parameter("size", "m", "reading is longer after the break by", 0.01), Parameter("time", "s", "GPS time", 1.0)
-
-
-@law("phase_break", _SIZE, "lost cycles of the carrier; KBR1B quality bit 0", linear=False)
-def _break(context: Context, values):
-    size, time = values
-    return np.where(context.time >= time, size, 0.0)
-
-
+law("phase_break", _SIZE, "lost cycles of the carrier; KBR1B quality bit 0", linear=False)(
+    lambda context, values: np.where(context.time >= values[1], values[0], 0.0)
+)
 law("delay", each(("delay",), "s", "ranging tags are late by", 1e-4), "receiver clock against GPS time")(
     lambda context, values: -context.extra["range_rate"] * values[0]
 )
@@ -95,10 +90,8 @@ _TURN = each(_PLACES, "rad", "error of the attitude, {0},", 3e-4)
 @law("star_camera_misalignment", _TURN, "arm of the antenna times the angle")
 def _mounting(context: Context, values):
     """Star cameras turned: the arm x of the antenna is seen along y and z, R_A c_A moves by v x c."""
-    line, arm = context.extra["line_of_sight_b"], context.extra["antenna_x"]
-    levers = np.stack([-line[:, 0, 2] * arm[0], line[:, 0, 1] * arm[0]], axis=1)
-    others = np.stack([-line[:, 1, 2] * arm[1], line[:, 1, 1] * arm[1]], axis=1)
-    return -np.concatenate([levers, others], axis=1) @ np.asarray(values)
+    levers = context.extra["line_of_sight_b"][:, :, [2, 1]] * [-1.0, 1.0] * context.extra["antenna_x"][:, None]
+    return -levers.reshape(-1, 4) @ np.asarray(values)
 
 
 def _orbit(cycles):

@@ -137,14 +137,6 @@ def zonal(field, degree):
     return Field(field.gm, field.radius, cosine, np.zeros_like(cosine), name=f"{field.name} zonal degree {degree}")
 
 
-def tesseral_gradient_e(position_e, degree=2, order=2):
-    """Gravity gradient (n, 2, 3, 3) s-2 of C_nm = 1 and of S_nm = 1, fully normalised, at positions (n, 3) m."""
-    unit, none = np.zeros((degree + 1, degree + 1)), np.zeros((degree + 1, degree + 1))
-    unit[degree, order] = 1.0
-    fields = (Field(GM, EARTH_RADIUS, *pair) for pair in ((unit, none), (none, unit)))
-    return np.stack([gradient_e(field, position_e) for field in fields], axis=1)
-
-
 def error_covariance(field, distance):
     """Covariance of the gradient tensor from the standard deviations of the coefficients, averaged over the sphere.
 
