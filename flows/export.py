@@ -46,9 +46,8 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
     }
     for one in reports:
         text = discovery.model_text((), event, history.model_of(one.record)).encode()
-        files |= (
-            {f"report/{one.ref.stage}/model.toml": text} if text and "model.toml" not in one.record["files"] else {}
-        )
+        if text:  # that of a search has its own
+            files.setdefault(f"report/{one.ref.stage}/model.toml", text)
     files |= {f"products/{one.ref.stage}.nc": one.ref.path.read_bytes() for one in entries}
     told = set()
     made_of = {one.ref.stage: _told_once(history.tree(one), told) for one in reports}

@@ -1,6 +1,7 @@
 """What the commands print: tables, errors on one screen; and progress on a terminal."""
 
 import contextlib
+import itertools
 import json
 import os
 import shutil
@@ -367,36 +368,28 @@ def progress(title, usual_s=None):
     """Listener that shows stages done, and the time beside that which is usual; None without a terminal."""
     title = f"{title}, about {usual_s:.0f} s" if usual_s else title
     with _bars("SpinnerColumn", "{task.description}", "{task.fields[said]}", "TimeElapsedColumn") as bars:
-        if bars is None:
-            yield None
-            return
-        counts, row = {"cached": 0, "made": 0}, bars.add_task(title, total=None, said="")
+        counts, row = {"cached": 0, "made": 0}, bars and bars.add_task(title, total=None, said="")
 
         def listener(call, state, _ref):
             counts[state] += 1
             said = f"{counts['made']} made, {counts['cached']} reused, last {call.unmade.stage}"
             bars.update(row, said=said)
 
-        yield listener
+        yield bars and listener
 
 
 @contextlib.contextmanager
 def events_progress(total):
-    """Listener that shows events done, failed and left, if standard error is a terminal; otherwise None."""
-    shown = ("{task.fields[said]}", "BarColumn", "TimeRemainingColumn")
+    """Listener that shows events done and failed of all, if standard error is a terminal; otherwise None."""
+    shown = ("MofNCompleteColumn", "{task.description}", "BarColumn", "TimeRemainingColumn")
     with _bars(*shown, auto_refresh=False) as bars:  # forks: no thread
-        if bars is None:
-            yield None
-            return
-        row, counts = bars.add_task("", total=total, said=""), {"done": 0, "failed": 0}
+        row, failed = bars and bars.add_task("0 failed", total=total), itertools.count()
 
         def listener(event):
-            counts["failed" if event["status"] == "failed" else "done"] += 1
-            left = total - counts["done"] - counts["failed"]
-            said = f"{counts['done']} done, {counts['failed']} failed, {left} left"
-            bars.update(row, advance=1, said=said, refresh=True)
+            said = {"description": f"{next(failed) + 1} failed"} if event["status"] == "failed" else {}
+            bars.update(row, advance=1, refresh=True, **said)
 
-        yield listener
+        yield bars and listener
 
 
 @contextlib.contextmanager

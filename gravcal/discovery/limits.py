@@ -63,10 +63,9 @@ def _along(problem, choice, rng):
     tails, steps = {}, [(i, at) for i, block in enumerate(problem.blocks) for at in block.steps]
     most = max(len(block.steps) for block in problem.blocks)  # of those that all blocks share
     for i, at in rng.permutation(steps)[:FORMS] if steps and choice.step_cause else ():
-        form = f"{problem.blocks[int(i)].label}, time {at:.0f} s"
-        columns = [b.steps[at] if k == int(i) else None for k, b in enumerate(problem.blocks)]
         tails[len(problem.candidates)] = 1, np.log(choice.level * trials.SHARES["step"] / (4 * len(steps) + 4 * most))
-        problem = extended(problem, Candidate(choice.step_cause, form, ["x", "y", "z"], ["m s-2"] * 3, columns))
+        step = trials.Trial("step", choice.step_cause, "", -1, 0.0, 3, 0.0, 1.0, place=int(i), at=at)
+        problem, _ = trials.with_candidate(problem, step)
     count = 4 * sum(scan.frequencies(problem.blocks, channel).size for channel in choice.tone_causes)
     for channel, cause in choice.tone_causes.items():
         grid = scan.frequencies(problem.blocks, channel)
