@@ -6,7 +6,6 @@ case: `python -m benchmarks fuzz --calibration NAME --seed SEED --first NUMBER -
 
 import collections
 import functools
-import importlib
 import json
 import multiprocessing
 import os
@@ -278,7 +277,6 @@ def _child(place, words):
         cli.main()
     finally:
         (place / "memory").write_text(str(1024 * resource.getrusage(resource.RUSAGE_SELF).ru_maxrss))
-        (place / "modules").write_text(" ".join(n for n in sys.modules if n.startswith(("gravcal.", "tasks."))))
 
 
 def one(about: tuple, number: int) -> tuple[str, ...]:
@@ -325,6 +323,4 @@ def clean(calibration: str, root: Path) -> tuple:
     say(f"{calibration}, clean: {outcome} {words}")
     if outcome not in ("delivered", "questionable"):
         raise RuntimeError(f"the clean event of {calibration} failed: {words}")
-    for name in (place / "modules").read_text().split():
-        importlib.import_module(name)  # once, not by every case
     return calibration, more, known, used
