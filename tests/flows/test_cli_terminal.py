@@ -4,6 +4,7 @@ import io
 import json
 import re
 import sys
+from types import SimpleNamespace
 
 import pytest
 from commands import gravcal
@@ -70,32 +71,15 @@ def said_here(*words):
 
 
 def test_completion_offers_what_exists_and_every_command_gives_json(pipeline):
-    """Contract: calibrations, events; --json on all that end by themselves."""
+    """Contract: events, effects, settings of the calibration that was typed; --json on all that end by themselves."""
     pipeline.run()
     assert {"fake-1", "grace-c-2020-02-01"} <= set(cli.complete_events())
+    assert "torque.saturation.limit=" in cli.complete_effects()
+    typed = SimpleNamespace(params={}, args=["com_offset", "noise_order", "=", "3"], info_name="run")
+    assert "lowpass_hz=" in cli.complete_settings(typed)
     known = dict(commands(get_command(cli.app)))
     without = {name for name, one in known.items() if "--json" not in {o for p in one.params for o in p.opts}}
     assert without == WITHOUT_DOCUMENT
-
-
-COMPLETED = {
-    "run com_offset --set noise_order = 3 --set low": "lowpass_hz=",  # bash divides words at "="
-    "run com_offset --engine in": "inline",
-    "simulate com_offset --out there --effect torque.sat": "torque.saturation.limit=",
-    "events kb": "kbr_phase_centre",
-}
-
-
-def test_bash_completes(monkeypatch, capsys):
-    """Contract: what the script of bash asks for of lines typed so far."""
-    for line, offered in COMPLETED.items():
-        with monkeypatch.context() as asked:
-            asked.setenv("_GRAVCAL_COMPLETE", "complete_bash")
-            asked.setenv("COMP_WORDS", f"gravcal {line}")
-            asked.setenv("COMP_CWORD", f"{len(line.split())}")
-            with pytest.raises(SystemExit, match="0"):
-                cli.app([], prog_name="gravcal")
-        assert capsys.readouterr().out.splitlines() == [offered]
 
 
 def test_progress_counts_what_was_made_and_is_silent_in_a_pipe(pipeline, monkeypatch, capsys):
