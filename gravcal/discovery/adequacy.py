@@ -10,7 +10,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy import special
 
 from gravcal.discovery import attribution, scan
 from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline, observed_rows, prepare, residuals_of
@@ -90,9 +89,11 @@ def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Proble
     of it (order: coefficients of the noise model), and that no listed cause and no step explains. A column of its own
     for each row leaves it out of every fit.
     """
+    from scipy.stats import norm
+
     baseline, blocks, found = baseline_of(problem, ()), list(problem.blocks), []
     rest = residuals_of(problem, baseline, observed_rows(problem))
-    limit = -special.ndtri(CHANCE / (2 * sum(r.shape[0] for r in rest)))
+    limit = -norm.ppf(CHANCE / (2 * sum(r.shape[0] for r in rest)))
     for k, (block, values) in enumerate(zip(problem.blocks, rest, strict=True)):
         far = np.flatnonzero(np.abs(values[:, 0]) > limit)
         rows = []

@@ -101,6 +101,11 @@ class Result:
         return tuple(np.sqrt(np.diag(one)) for one in self.covariance)
 
 
+def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> Result:
+    """All rounds."""
+    return concluded(begun(blocks, candidates, choice, rng), choice)
+
+
 def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> tuple:
     """State of a search that has named what follows something, as `concluded` goes on from it."""
     problem, outliers = adequacy.without_outliers(prepare(blocks, candidates), choice.order)
@@ -505,8 +510,10 @@ def _given_way(problem, chosen, position, choice, least):
 
 def _agreed(problem, others, index):
     """Whether all blocks agree on the value of a cause."""
+    from scipy.stats import chi2 as chi2_distribution
+
     baseline, place = baseline_of(problem, others), problem.places[index]
     extra, dof = attribution.disagreement(problem.gram, baseline, place, problem.size)
     gain = attribution.beside(problem, others, index).gain
     share, level = DISAGREE
-    return dof <= 0 or extra - dof < share * gain or chi2_tail.log_tail(extra, dof) > np.log(level)
+    return dof <= 0 or extra - dof < share * gain or chi2_distribution.sf(extra, dof) > level

@@ -12,7 +12,6 @@ from math import comb
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import minimize, minimize_scalar
 
 from gravcal.discovery import attribution, scan
 from gravcal.discovery.problem import (
@@ -391,6 +390,8 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
 
 def _largest(shape: Shape, beside):
     """Shape of largest gain: the best of those to begin with, then a simplex in their logarithms."""
+    from scipy.optimize import minimize, minimize_scalar
+
     loss = lambda u: -beside.gain_of(shape, np.exp(u))  # noqa: E731
     limits = list(zip(np.log(shape.lower), np.log(shape.upper), strict=True))
     begun = np.clip(np.log(shape.tried), *np.transpose(limits))

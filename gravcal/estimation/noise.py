@@ -450,6 +450,11 @@ def _kept(models, segments, clean, rng, frequency):
     return [density(after, a) / density(before, a) for a in range(len(models))]
 
 
+def draw(model: NoiseModel, count: int, rng: np.random.Generator) -> np.ndarray:
+    """Stationary noise of a model, (count,) in its unit."""
+    return _filtered(model, rng.standard_normal(count + _led_in(model)), count)
+
+
 def _led_in(model):
     """Samples after which the beginning is forgotten."""
     return 60 * (model.reflection.size + 1)

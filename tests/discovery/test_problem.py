@@ -19,7 +19,7 @@ from gravcal.discovery.problem import (
     residuals_of,
     without_rounding,
 )
-from gravcal.discovery.rounds import Choice, begun, concluded
+from gravcal.discovery.rounds import Choice, search
 from gravcal.errors import CatalogError
 from gravcal.estimation.records import Block, Entry
 
@@ -27,11 +27,6 @@ CHANNELS = {
     "by channel": np.repeat(["linear", "angular", "attitude"], [40, 30, 20]),
     "alternating": np.tile(["linear", "angular", "attitude"], 30),
 }
-
-
-def search(blocks, candidates, choice, rng):
-    """All rounds."""
-    return concluded(begun(blocks, candidates, choice, rng), choice)
 
 
 @pytest.fixture(params=CHANNELS)

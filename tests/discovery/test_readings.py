@@ -10,7 +10,7 @@ from flows import com_offset, discover
 from gravcal import catalog
 from gravcal.calibrations.com_offset.observations import observe
 from gravcal.discovery.driver import clearest, variables
-from gravcal.discovery.rounds import Choice, begun, concluded
+from gravcal.discovery.rounds import Choice, search
 from gravcal.estimation.noise import whiten
 from gravcal.estimation.outcome import Shown
 from gravcal.estimation.records import Block, Candidate
@@ -18,11 +18,6 @@ from tasks import stage
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
 PARTS = ("measured", "simulated", "extended")
-
-
-def search(blocks, candidates, choice, rng):
-    """All rounds."""
-    return concluded(begun(blocks, candidates, choice, rng), choice)
 
 
 def result(amplitude, *, listed=True):

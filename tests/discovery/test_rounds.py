@@ -12,7 +12,7 @@ from gravcal.discovery.driver import Limits, discover, summary
 from gravcal.discovery.limits import detection_limits
 from gravcal.discovery.model_average import _held, delivered, left_open
 from gravcal.discovery.problem import baseline_of, drawn_noise, prepare
-from gravcal.discovery.rounds import Choice, begun, concluded, merged, pruned
+from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
 from gravcal.estimation.outcome import outcome_of
 from gravcal.estimation.records import Block, Candidate, Observations, Shape, Wider
@@ -37,11 +37,6 @@ class Invented(Observations):
 
 
 OFFSET = Invented([], [])
-
-
-def search(blocks, candidates, choice, rng):
-    """All rounds."""
-    return concluded(begun(blocks, candidates, choice, rng), choice)
 
 
 def made(rng, signal=0.0):

@@ -15,6 +15,7 @@ from gravcal.estimation.noise import (
     beside,
     changing_levels,
     coloured,
+    draw,
     fit_detrended,
     fit_noise,
     fit_spectrum,
@@ -254,7 +255,7 @@ def test_a_spectrum_comes_back_from_its_autocovariance_and_from_drawn_noise():
     assert_allclose(again.reflection, RED.reflection, atol=1e-9)
     assert_allclose(again.variance[-1] / again.variance[0], RED.variance[-1] / RED.variance[0], rtol=1e-9)
     expected = np.mean(RED.density(frequency)) / 2
-    drawn = lines._filtered(RED, rng.standard_normal((4000, 50 + lines._led_in(RED))), 50)
+    drawn = np.stack([draw(RED, 50, rng) for _ in range(4000)])
     assert_allclose(np.mean(drawn[:, 0] ** 2), expected, rtol=0.12)
     assert_allclose(np.mean(drawn**2), expected, rtol=0.05)
 
@@ -267,16 +268,13 @@ def test_what_a_fit_takes_is_put_back_and_what_may_be_there_is_no_noise():
     """
     rng = np.random.default_rng(7)
     cleaned = lambda segment, _: without(polynomial(np.arange(90.0), 3, 0, 89), segment)  # noqa: E731
-    segments = [
-        np.stack([simulate(rng, 90, RED.coefficients[-1], RED.variance[-1]) for _ in range(3)], axis=1)
-        for _ in range(60)
-    ]
+    segments = [np.stack([draw(RED, 90, rng) for _ in range(3)], axis=1) for _ in range(60)]
     models = fit_detrended(segments, cleaned, 3, 1.0)
     slow = np.linspace(0.002, 0.02, 10)
     ratio = np.mean([m.density(slow) / RED.density(slow) for m in models])
     assert 0.85 < ratio < 1.15
     rng = np.random.default_rng(9)
-    noise = np.stack([simulate(rng, 1500, RED.coefficients[-1], RED.variance[-1]) for _ in range(3)], axis=1)
+    noise = np.stack([draw(RED, 1500, rng) for _ in range(3)], axis=1)
     noise[700:720] = np.nan
     u = np.arange(1500.0)
     waves = [f(2 * np.pi * k * u / 500) for k in (1, 2) for f in (np.cos, np.sin)]
