@@ -1,6 +1,5 @@
 """One function for each page: asks the store, fills a template. Names from the address are looked up, never joined."""
 
-import functools
 import graphlib
 import re
 
@@ -260,30 +259,26 @@ def _filled(template, request, status=200, **content):
         "path": request.url.path,
         "query": str(request.url.query),
     }
-    return HTMLResponse(_environment().get_template(template).render(**known, **content), status)
-
-
-@functools.lru_cache(maxsize=1)
-def _environment():
-    """Templates of this package."""
-    made = environment("gravcal.browse", "templates")
-    made.tests["digest"] = lambda value: re.fullmatch("[0-9a-f]{32,}", str(value))
-    made.filters |= {
-        "stamp": lambda text: text[:16].replace("T", " "),  # UTC
-        "short": lambda text: text[:12],
-        "seconds": lambda value: f"{value:.2g} s" if value < 100 else f"{value:.0f} s",
-        "signs": true_units,
-        "calendar": gps_text,
-        "rounded": lambda value, sigma: _signed(rounded(value, sigma)),
-        "numbers": _signed,
-        "quantity": quantity,
-    }
-    return made
+    return HTMLResponse(TEMPLATES.get_template(template).render(**known, **content), status)
 
 
 def _signed(text):
     """Text with true signs before its numbers, but in powers of ten."""
     return re.sub(r"(?<![\w.])-(?=\d)", "−", text.replace("+-", "±").replace(" um", " µm"))
+
+
+TEMPLATES = environment("gravcal.browse", "templates")
+TEMPLATES.tests["digest"] = lambda value: re.fullmatch("[0-9a-f]{32,}", str(value))
+TEMPLATES.filters |= {
+    "stamp": lambda text: text[:16].replace("T", " "),  # UTC
+    "short": lambda text: text[:12],
+    "seconds": lambda value: f"{value:.2g} s" if value < 100 else f"{value:.0f} s",
+    "signs": true_units,
+    "calendar": gps_text,
+    "rounded": lambda value, sigma: _signed(rounded(value, sigma)),
+    "numbers": _signed,
+    "quantity": quantity,
+}
 
 
 def placed(nodes):
