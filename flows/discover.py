@@ -47,8 +47,7 @@ def flow_of(name: str, shown: bool = False):
         looked, event, results = one.discovery, {"event": source.event}, ()
         if looked.together is not None:
             return looked.together(source, chosen, shown)
-        records, products = _read(looked, source, chosen)
-        found = searched(one, source, chosen, shown, (records, products))
+        found, records, products = searched(one, source, chosen, shown)
         if looked.result is not None:
             fixed = {"observations": looked.observations, "names": list(products)}
             fixed |= {"records": records.kind, "settings": looked.settings(source, chosen)} | event
@@ -70,10 +69,11 @@ def as_calibration(name: str, shown: bool = False) -> Calibration:
     return replace(calibrations.load(name), flow=flow_of(name, shown), document=document, result=results.searched)
 
 
-def searched(one: Calibration | Study, source, chosen, shown: bool = False, read=None):
-    """Product of the search in one event; ``read`` are its records and what is built from them, if they are known."""
+def searched(one: Calibration | Study, source, chosen, shown: bool = False):
+    """Product of the search in one event, its records that a model changes, and what is built from them by name."""
     looked, event = one.discovery, {"event": source.event}
-    records, products = read or _read(looked, source, chosen)
+    records = looked.read(source, chosen)
+    products = looked.built(source, chosen, records)
     settings = looked.settings(source, chosen)
     own, limits = looked.chosen_for(chosen)
     fixed = {"observations": looked.observations, "names": list(products)}
@@ -90,13 +90,8 @@ def searched(one: Calibration | Study, source, chosen, shown: bool = False, read
             again = looked.built(source, chosen, without)
         found = discovery.search_again(found, *again.values(), variant=following, **searched)
     seen += again.values() if looked.again else ()
-    return discovery.limits(found, *seen, variant="limits", **searched) if shown else found
-
-
-def _read(looked, source, chosen):
-    """Records that a model changes, and the products that the observations are built from, by name."""
-    records = looked.read(source, chosen)
-    return records, looked.built(source, chosen, records)
+    found = discovery.limits(found, *seen, variant="limits", **searched) if shown else found
+    return found, records, products
 
 
 def evidence_of(calibration: str) -> Calibration:

@@ -29,7 +29,7 @@ def search(source, chosen, shown):
     def of_part(part, source, chosen):
         one, source, own = _owner(part, source, chosen)
         about = {"calibration": one.name, "event": source.event, "settings": own.for_report()}
-        return discover.searched(one, source, own, shown), about
+        return discover.searched(one, source, own, shown)[0], about
 
     found, missing = _attempted(of_part, source, chosen)
     known = {"parts": {part: about for part, (_, about) in found.items()}, "missing": missing, "event": source.event}
@@ -64,7 +64,7 @@ def _made(part, source, chosen):
     """Products of a part by stage, with that of its search if it is wanted."""
     one, source, own = _owner(part, source, chosen)
     made = OTHERS[part].made(source, own) if part in OTHERS else _accelerometer(source, own)
-    return made | {"discovery": discover.searched(one, source, own)} if chosen.search else made
+    return made | {"discovery": discover.searched(one, source, own)[0]} if chosen.search else made
 
 
 def _accelerometer(source, chosen):

@@ -303,9 +303,7 @@ def save_event(name, text):
         refuse(name, "no own catalogue to write to", expected, remedy, CatalogError, event=name)
     path = Path(own) / "events" / f"{name}.toml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_suffix(f".{os.getpid()}.tmp")
-    aside.write_text(text, encoding="utf-8")
-    aside.replace(path)
+    path.write_text(text, encoding="utf-8")
     return event(name)
 
 

@@ -142,12 +142,10 @@ def _only(folder, found, what, option):
 
 def printed_of(calibration: str, event: str | None = None) -> dict[str, list[dict]]:
     """Published values, or those of an event, as plain records by section, {} where none was printed."""
-    sections = {}
-    for section, records in catalog.published(calibration).items():
-        own = [record for record in records if event is None or event in record.events]
-        if own:
-            sections[section] = [vars(record) | dict(record.labels) | {"labels": dict(record.labels)} for record in own]
-    return sections
+    every = catalog.published(calibration).items()
+    own = {section: [one for one in records if event is None or event in one.events] for section, records in every}
+    plain = lambda one: vars(one) | dict(one.labels) | {"labels": dict(one.labels)}  # noqa: E731
+    return {section: [plain(one) for one in records] for section, records in own.items() if records}
 
 
 def product_keys(ref) -> dict[str, str]:
