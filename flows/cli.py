@@ -354,8 +354,6 @@ def reproduce(paper, out, place, data, simulated, json) -> None:
         how = {"place": place, "data": data, "simulated": simulated, "listener": listener, "tell": output.note}
         document = reproductions.reproduce(paper, out, **how)
     if output.delivered(document, json):
-        rows = [[i["name"], len(i["rows"]), i.get("reason") or i["difference"]] for i in document["items"]]
-        output.table(["item", "rows", "what differs, or why it is not made"], rows)
         output.say(f"{document['origin']} days {', '.join(document['days'])}; {out / 'index.html'}")
     raise typer.Exit(command.EXIT[document["status"]])
 

@@ -29,15 +29,13 @@ def calibrate(source, chosen):
     return inertial_sensor.report(*products.values(), names=list(products), **told)
 
 
-def observed(source, chosen, _records, found=None):
-    """Products that discovery looks at, by name: of the swing, of the roll; what was detected if there is neither."""
-    products, files = _solved(source, chosen, widened=False, found=found)
+def observed(source, chosen, found=None, variant=None):
+    """Products that discovery looks at, by name: of the swing, of the roll; what was detected if there is neither.
+
+    With what a search has found those without it, of a variant.
+    """
+    products, files = _solved(source, chosen, widened=False, found=found and {"found": found, "variant": variant})
     return {name: one for name, one in products.items() if name != "detect" or not files}
-
-
-def rebuilt(source, chosen, found, variant):
-    """Products of `observed` without what a search has found."""
-    return observed(source, chosen, None, {"found": found, "variant": variant})
 
 
 def _solved(source, chosen, *, widened, found=None):
@@ -199,7 +197,7 @@ def recomputed(document, section, printed, _run):
 
 
 SEEN = "gravcal.calibrations.inertial_sensor.observations"
-DISCOVERY = Discovery(views, SEEN, products=observed, again=2, rebuilt=rebuilt)
+DISCOVERY = Discovery(views, SEEN, products=observed, again=2, rebuilt=observed)
 CALIBRATION = Calibration(
     **stated(__file__),
     flow=calibrate,
