@@ -112,11 +112,11 @@ def evidence_of(calibration: str) -> Calibration:
     return replace(one, flow=evidence, document=lambda _: {"status": "delivered"}, result=lambda _: ())
 
 
-def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=None, listener=None):
+def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=None):
     """(document, files, what has changed beyond its error since the last one) of a joint search, for each satellite.
 
     All satellites and events if none is named; data are folders with Level-1 files of one day or many, None for
-    GRAVCAL_DATA; engine, workers and listener are those of a campaign.
+    GRAVCAL_DATA; engine and workers are those of a campaign.
     """
     sources = [one for folder in data or [None] for one in command.many_sources(name, satellite, folder)]
     unknown = sorted(set(events) - {source.event for source in sources})
@@ -124,7 +124,7 @@ def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=
         there = ", ".join(source.event for source in sources)
         refuse(f"--events {','.join(unknown)}", "no such event", f"some of {there}", "Correct the names.", NoDataError)
     sources = [source for source in sources if not events or source.event in events]
-    told = campaigns.run(campaigns.Campaign(name, chosen, engine, workers=workers, search="joint"), sources, listener)
+    told = campaigns.run(campaigns.Campaign(name, chosen, engine, workers=workers, search="joint"), sources)
     owners, left_out = {}, {row["event"]: row["error"] for row in told["events"] if "report" not in row}
     for source, row in zip(sources, told["events"], strict=True):
         if "report" in row:

@@ -35,21 +35,16 @@ class Served:
     arguments: dict
     pruning: dict = field(default_factory=dict)
 
-    @property
-    def name(self):
-        """Name of the deployments: that of the calibration."""
-        return self.arguments["calibration"]
-
 
 def serve(served, said):
     """Serve the deployments until this process is told to end."""
     server.set_environment()
-    schedule = _schedule(served.cron)
+    schedule, calibration = _schedule(served.cron), served.arguments["calibration"]
     from prefect.settings import temporary_settings
 
     try:
-        with _alone(served.name):
-            names = [f"port-{what}-{served.name}" for what in ("pages", "reports")]
+        with _alone(calibration):
+            names = [f"port-{what}-{calibration}" for what in ("pages", "reports")]
             last = [port if isinstance(port := location.recall(name), int) else None for name in names]
             begun = server.begin(last[0])
             with server.running(begun) as url, reports(last[1]) as address:
@@ -85,9 +80,9 @@ def _run(served, schedule, where, said):
 
     from flows import scheduled
 
-    (url, is_own), ended = where, threading.Event()
-    runner = Runner(name=f"gravcal {served.name}", limit=1)
-    how = {"name": served.name, "entrypoint_type": EntrypointType.MODULE_PATH}
+    (url, is_own), ended, name = where, threading.Event(), served.arguments["calibration"]
+    runner = Runner(name=f"gravcal {name}", limit=1)
+    how = {"name": name, "entrypoint_type": EntrypointType.MODULE_PATH}
     given = served.arguments | ({"data": str(served.data.absolute())} if served.data else {})
     made = {scheduled.reprocess_all: {"schedule": schedule, "parameters": given | served.pruning}}
     if served.watched:
@@ -99,7 +94,7 @@ def _run(served, schedule, where, said):
         server.bury(url, list(known.values()))
     said(f"Prefect {url.removesuffix('/api')}")
     if is_own:
-        said(f"signed in by {server.page(url, served.name).as_uri()}")
+        said(f"signed in by {server.page(url, name).as_uri()}")
     said(f"reprocess-all at {served.cron} UTC")
     if served.watched:
         said(f"new-data when {served.watched} changes, looked at every {served.every_s:g} s")
