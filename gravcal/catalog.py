@@ -303,7 +303,9 @@ def save_event(name, text):
         refuse(name, "no own catalogue to write to", expected, remedy, CatalogError, event=name)
     path = Path(own) / "events" / f"{name}.toml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    path.write_text(text, encoding="utf-8")
+    aside = path.with_suffix(f".{os.getpid()}.tmp")
+    aside.write_text(text, encoding="utf-8")
+    aside.replace(path)
     return event(name)
 
 
