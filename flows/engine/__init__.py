@@ -58,18 +58,13 @@ def flow(*, name):
     def decorate(body):
         @functools.wraps(body)
         def configured(source, chosen):
-            with location.configured(configuration_of(chosen)):
+            with location.configured(getattr(chosen, "configuration", location.OPERATIONAL)):
                 return body(source, chosen)
 
         configured.flow_name = name
         return configured
 
     return decorate
-
-
-def configuration_of(chosen):
-    """Configuration that parameters are of."""
-    return getattr(chosen, "configuration", location.OPERATIONAL)
 
 
 def single_threaded():
@@ -108,7 +103,8 @@ def run(body, source, chosen, engine="prefect", listener=None):
         engine = "inline"
     planned = [step.stage for step in steps]
     noted = history.recorded(body.flow_name, getattr(source, "event", None), planned)
-    with location.configured(configuration_of(chosen)), noted as note, one_thread():
+    configured = location.configured(getattr(chosen, "configuration", location.OPERATIONAL))
+    with configured, noted as note, one_thread():
 
         def heard(*stage_done):
             note(*stage_done)
