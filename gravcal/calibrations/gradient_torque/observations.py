@@ -177,7 +177,7 @@ class GradientTorque(Observations):
 
     def _memories(self, channel, constants=responses.MEMORY_S):
         """Candidates in no list of what remembers the drag, whose constant is fitted."""
-        for law, tau, series in memories(self.about, constants):
+        for law, tau, _ in memories(self.about, constants):
 
             def columns(value, law=law):
                 values = next(one for other, _, one in memories(self.about, value) if other == law)
@@ -186,9 +186,8 @@ class GradientTorque(Observations):
             known, bounds = np.array([tau]), (np.array([responses.SHORTEST_S]), np.array([responses.LONGEST_S]))
             tried, words = np.outer((0.6, 1.0, 1.6), known), f"{channel}, {law.words}"
             shape = Shape(law.names, ("s",), known, columns, tried, *bounds, words=words)
-            rows = self._columns({channel: series[:, None, None] * np.eye(3)})
             form = f"{channel}, {law.told(known)}"
-            yield replace(unknown("drag", form, rows, UNITS[channel], along(channel)), shape=shape)
+            yield replace(unknown("drag", form, columns(known), UNITS[channel], along(channel)), shape=shape)
 
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows of each block that an effect adds beside a record `without` it; a torque stays in there."""

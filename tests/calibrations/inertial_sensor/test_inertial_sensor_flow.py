@@ -80,10 +80,7 @@ def test_a_roll_of_few_good_segments_does_not_take_the_swing_with_it(both, setti
 
 
 def test_a_roll_without_a_swing_uses_the_assumed_factors_and_fails_without_good_segments(both, tmp_path):
-    """Contract: the document says so, the swing is left out; where nothing could be delivered the error says why.
-
-    Analytic: the mean of a wave, which a model has with its error alone, is an error of the bias.
-    """
+    """Contract: said, the swing is left out, the error says why. Analytic: the open mean of a wave is in the bias's."""
     for path in both[0].glob(f"*_{ROLL}_*"):
         (tmp_path / path.name).symlink_to(path)
     document, _ = run(tmp_path)
