@@ -119,8 +119,8 @@ def in_force(entries, name, satellite, time):
     return fits[-1] if fits else None
 
 
-def write_vector_file(path, time, satellite, vector_b, source=""):
-    """Vector file with the 80-column header of VKB1B; by its path, ``VCM1B_2020-02-01_C_04.txt``, the product is known.
+def vector_file(name, time, satellite, vector_b, source=""):
+    """Text of a vector file with the 80-column header of VKB1B; its name, ``VCM1B_2020-02-01_C_04.txt``, is a product's.
 
     Vectors (n, 3) m in SRF hold from whole GPS seconds (n,) on; the source stands in the header.
 
@@ -128,7 +128,7 @@ def write_vector_file(path, time, satellite, vector_b, source=""):
     -----
     A record holds length and direction cosines, vector = mag * (cosx, cosy, cosz); formats of VKB1B, release 04.
     """
-    path, times = Path(path), np.atleast_1d(time)
+    path, times = Path(name), np.atleast_1d(time)
     vectors = _checked(np.atleast_2d(vector_b), path, shape=(len(times), 3))
     if np.any(times != np.rint(times)):
         refuse(path, "times with fractions", "whole GPS seconds", "Round the time from which the vector holds.")
@@ -138,9 +138,7 @@ def write_vector_file(path, time, satellite, vector_b, source=""):
         cosines = " ".join(repr(float(item)) for item in (vector / length if length > 0 else vector))
         body += f"{int(t)} {satellite} {length!r} {cosines} 00000000\n"
     about = header_lines("vectors", satellite=satellite, path=path, source=source)
-    header = label_header("ipXXXVOF : 9", times.astype(np.int64) * 10**9, len(body), about)
-    path.write_text(header + body, encoding="ascii")
-    return path
+    return label_header("ipXXXVOF : 9", times.astype(np.int64) * 10**9, len(body), about) + body
 
 
 def _checked(vector, where, shape=(3,)):

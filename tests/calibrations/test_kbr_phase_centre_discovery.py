@@ -62,8 +62,16 @@ def test_a_late_star_camera_of_one_satellite_is_a_delay_of_that_one():
     quaternion = np.stack([late[name] for name in QUATERNION], axis=1)
     quaternion = quaternion - 0.02 * np.gradient(quaternion, time, axis=0)
     columns["SCA1B", "D"] = late | dict(zip(QUATERNION, quaternion.T, strict=True))
-    found = best(seen(columns))
+    found = best(observed := seen(columns))
     assert (found.cause, found.form) == ("timing.star_camera_delay", "b alone")
+    records = observed.view.records  # a phase break is taken out of the range; near it no reading is left, nor moved
+    at = float(records["time_kbr"].values[records.sizes["time_kbr"] // 2])
+    size = {"size": Parameter(1e-5, None, "m"), "time": Parameter(at, None, "s")}
+    back = observed.without([Entry("ranging.phase_break", "", size)])
+    kept = back["time_kbr"].values
+    assert 36 < np.abs(kept - at).min() < 45
+    moved = [(back[n] - records[n].sel(time_kbr=kept)).values for n in ("reading_range", "reading_range_rate")]
+    assert np.allclose(moved, [np.where(kept > at, -1e-5, 0.0), 0 * kept], atol=1e-9)
 
 
 @pytest.mark.parametrize(

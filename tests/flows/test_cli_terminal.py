@@ -112,6 +112,7 @@ def test_manoeuvres_and_campaigns_are_tables(capsys):
     rows = [{"event": "a", "status": "delivered", "said": results.text(values)} | effort,
             {"event": "b", "status": "failed", "error": "no clock"} | effort]  # fmt: skip
     summary = {"events": rows, "counts": {"delivered": 1, "failed": 1}, "configuration": "operational"}
+    assert campaign.table(rows[:1] * 1003)[1] == "; 3 of 1003 events are not shown"  # a thousand at most
     output.campaign(summary, campaign.table(rows), None)
     heads, first, second = capsys.readouterr().out.splitlines()[:3]
     assert heads.endswith("values or reason")

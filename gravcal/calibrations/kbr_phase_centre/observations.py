@@ -22,6 +22,7 @@ from gravcal.physics import frames
 #: Turns of the frame that the phase centres are given in.
 FRAME = ("attitude.star_camera_misalignment", "ranging.star_camera_misalignment")
 BREAK_STEP_S = 30.0
+BREAK_GAP_S = 36.0  # on either side of a phase break: before the filter or behind it, its readings say not which
 BREAK_MARGIN_S = 60.0  # of a phase break from the ends of its manoeuvre: half of the filter and some epochs
 #: Closer together where a half ends, which leaves only a few epochs of a break to be seen.
 NEAR_CUT_S = np.arange(-55.0, 56.0, 10.0)
@@ -151,7 +152,8 @@ class Ranging(records.Observations):
         """Aligned records without the effects of a model.
 
         Readings less the contribution of their effects through the filter of the ranging; attitudes turned back, at the
-        time that their tags should have had. A line is left where it is: its phase differs between manoeuvres.
+        time that their tags should have had. A line is left where it is: its phase differs between manoeuvres. About a
+        phase break readings are left out, for rates show one that came before the filter alone.
         """
         time, records = self.view.context.time, self.view.records.copy(deep=True)
         total, attitude = np.zeros(time.size), records["quaternion"].values
@@ -179,6 +181,9 @@ class Ranging(records.Observations):
             at = records["time_kbr"].values
             operator = crn.operator(self.view.filter_, derivative, self.view.good, (time[0], 1.0), at)
             records[f"reading_{name}"].values[:] -= np.where(operator.valid, operator(total), 0.0)
+        breaks = [one.values["time"] for one in model if one.cause == BREAK]
+        away = [np.abs(records["time_kbr"].values - epoch) > BREAK_GAP_S for epoch in breaks]
+        records = records.isel(time_kbr=np.all(away, axis=0)) if away else records
         return records.assign_attrs(model=" ".join(entry.cause for entry in model))
 
 

@@ -1,8 +1,6 @@
 """Report of a ranging calibration: its product, result document, files, and the page, section by section."""
 
-import tempfile
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
@@ -10,7 +8,7 @@ from gravcal.calibrations.checks import of_product
 from gravcal.calibrations.kbr_phase_centre.checks import of_result
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, SCHEMAS, SUBSETS, middle
 from gravcal.calibrations.schemas import build
-from gravcal.io.vcm import commented, vector_line, write_vector_file
+from gravcal.io.vcm import commented, vector_file, vector_line
 from gravcal.report import documents, pages, plain
 from gravcal.report.figures import COLOURS, bars, grid, opened, thinned
 from gravcal.report.pages import Section
@@ -261,9 +259,7 @@ def vector_files(document, date) -> dict[str, str]:
             lines[-1] = commented(lines[-1], document["origin"])
             continue
         name = f"VKB1B_{date}_{letter}_{'02' if letter in 'AB' else '04'}.txt"
-        with tempfile.TemporaryDirectory() as folder:
-            path = write_vector_file(Path(folder) / name, [time], letter, [vector], source=source)
-            files[name] = path.read_text()
+        files[name] = vector_file(name, [time], letter, [vector], source=source)
     return files | ({"result.soe": "\n".join(lines) + "\n"} if lines else {})
 
 
