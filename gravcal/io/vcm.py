@@ -120,7 +120,7 @@ def in_force(entries, name, satellite, time):
 
 
 def vector_file(name, time, satellite, vector_b, source=""):
-    """Text of a vector file with the 80-column header of VKB1B; its name, ``VCM1B_2020-02-01_C_04.txt``, is a product's.
+    """Text of a vector file with the 80-column header of VKB1B; the name is its own, ``VCM1B_2020-02-01_C_04.txt``.
 
     Vectors (n, 3) m in SRF hold from whole GPS seconds (n,) on; the source stands in the header.
 

@@ -68,9 +68,9 @@ def test_a_late_star_camera_of_one_satellite_is_a_delay_of_that_one():
     at = float(records["time_kbr"].values[records.sizes["time_kbr"] // 2])
     size = {"size": Parameter(1e-5, None, "m"), "time": Parameter(at, None, "s")}
     back = observed.without([Entry("ranging.phase_break", "", size)])
-    kept = back["time_kbr"].values
+    kept = back["time_kbr"].values[20:-20]  # where the filter is whole
     assert 36 < np.abs(kept - at).min() < 45
-    moved = [(back[n] - records[n].sel(time_kbr=kept)).values for n in ("reading_range", "reading_range_rate")]
+    moved = [(back[n] - records[n]).sel(time_kbr=kept).values for n in ("reading_range", "reading_range_rate")]
     assert np.allclose(moved, [np.where(kept > at, -1e-5, 0.0), 0 * kept], atol=1e-9)
 
 
