@@ -12,6 +12,7 @@ from gravcal.effects.base import Context, Laws, Parameter, each
 EFFECTS = Laws()
 #: Of the antenna correction, from orbit errors to the end of the filter of the ranging.
 BANDS_HZ = (5e-3, 1e-2, 2e-2, 4e-2, 8e-2, 1e-1)
+BREAK_GAP_S = 36.0  # on either side of a phase break, which the filter does not bridge
 RIPPLE = np.radians(1.2)  # rad, angular period of the standing wave unless given; no source prints one
 _PAPER = "10.3390/rs14143395"
 _PLACES = tuple(f"{axis}_{letter}" for letter in "ab" for axis in ("pitch", "yaw"))

@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
@@ -285,16 +285,20 @@ class Observations(Protocol):
     ] = {}  #: {slug: delay of tags that are minutes off}, as the records themselves show it
 
     def response(self, entry: Entry) -> list[np.ndarray]:
-        """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form.
+        """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form."""
+        total = [np.zeros(block.observed.size) for block in self.blocks]
+        for one in self.forms_of(entry):
+            total = [t if c is None else t + c for t, c in zip(total, one.added(entry), strict=True)]
+        return total
+
+    def forms_of(self, entry: Entry) -> Iterable[Candidate]:
+        """Candidate that an entry is a size of, none where its form is no candidate's.
 
         A few parameters of a listed cause that a search has put together are some of those of its whole form.
         """
-        total = [np.zeros(block.observed.size) for block in self.blocks]
         forms = [one for one in self.candidates if (one.cause, one.form) == (entry.cause, entry.form)]
         wider = (one for one in self.candidates if one.cause == entry.cause and set(entry.values) <= set(one.names))
-        for one in forms or (itertools.islice(wider, 1) if entry.listed else ()):
-            total = [t if c is None else t + c for t, c in zip(total, one.added(entry), strict=True)]
-        return total
+        return forms or (itertools.islice(wider, 1) if entry.listed else ())
 
     def without(self, model: Sequence[Entry]) -> Any:
         """Dataset with the records of the calibration less what the effects of a model add to them."""

@@ -10,14 +10,13 @@ from scipy.optimize import curve_fit
 
 from gravcal import catalog
 from gravcal.effects import Context
-from gravcal.effects.ranging import BANDS_HZ
+from gravcal.effects.ranging import BANDS_HZ, BREAK_GAP_S
 from gravcal.errors import CatalogError, refuse
 from gravcal.estimation import crn
 from gravcal.estimation.noise import coloured, in_bands
 from gravcal.physics import constants, frames, orbit_environment
 from gravcal.simulation import added, flight, of_channels, sensors, within
 
-BREAK_GAP = 36.0  # s on either side of a phase break that the filter cannot bridge
 EDGE = 70.0  # s flown before and after the day, for the filters
 MILLI_HZ = (2.0, 60.0)  # where the noise of the range is that of orbit and ranging, no polynomial and no filter
 
@@ -287,7 +286,7 @@ def ranging(pair: Pair, centre: np.ndarray, chosen, effects: Mapping, rng) -> di
         columns[name], columns[f"lighttime_{term}"] = through(np.stack([phase, light], axis=1)).T
         columns[f"ant_centr_{term}"] = np.zeros(at.size)
     columns["biased_range"] = columns["biased_range"] + bias[np.searchsorted(breaks, at)]
-    kept = np.abs(at[:, None] - breaks).min(axis=1, initial=np.inf) > BREAK_GAP
+    kept = np.abs(at[:, None] - breaks).min(axis=1, initial=np.inf) > BREAK_GAP_S
     columns["qualflg"] = np.zeros(at.size, dtype=np.uint8)
     after = np.searchsorted(at[kept], breaks)
     columns["qualflg"][np.flatnonzero(kept)[after[after < kept.sum()]]] = 1  # the first epoch after a break

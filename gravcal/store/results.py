@@ -72,9 +72,8 @@ def units(unit: str, names: Sequence[str]) -> list[str]:
 def searched(document):
     """Parameters of a calibration after a search."""
     change = document.get("calibration_change") or {"names": (), "unit": "", "after": (), "sigma_after": ()}
-    for row in zip(
-        change["names"], units(change["unit"], change["names"]), change["after"], change["sigma_after"], strict=True
-    ):
+    rows = change["names"], units(change["unit"], change["names"]), change["after"], change["sigma_after"]
+    for row in zip(*rows, strict=True):
         yield Value("", *row, None)
 
 

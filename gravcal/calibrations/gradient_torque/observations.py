@@ -2,7 +2,7 @@
 
 import functools
 import itertools
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -39,7 +39,8 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
     about = _context(modelled, found, R_bi, position, settings)
     added = (added["linear"] for _, _, added in effects_of(about, ("linear",)) if "linear" in added)
     outside = [shape for driver, _, shape in drivers(about) if driver in responses.OUTSIDE]
-    lines = (shape[:, None, None] * np.eye(3) for shape in outside + [one for *_, one in memories(about)])
+    outside += [remembered(tau) for _, remembered in memories(about) for tau in responses.MEMORY_S]
+    lines = (shape[:, None, None] * np.eye(3) for shape in outside)
     channels = channels_of(about, R_bi, observed, modelled, itertools.chain(added, lines), settings)
     satellite, prior = settings["satellite"], np.zeros((6, 1 + GLOBAL))
     pressure = np.array(satellite["centre_of_pressure"])
@@ -177,11 +178,10 @@ class GradientTorque(Observations):
 
     def _memories(self, channel, constants=responses.MEMORY_S):
         """Candidates in no list of what remembers the drag, whose constant is fitted."""
-        for law, tau, _ in memories(self.about, constants):
+        for (law, remembered), tau in itertools.product(memories(self.about), constants):
 
-            def columns(value, law=law):
-                values = next(one for other, _, one in memories(self.about, value) if other == law)
-                return self._columns({channel: values[:, None, None] * np.eye(3)})
+            def columns(value, remembered=remembered):
+                return self._columns({channel: remembered(value[0])[:, None, None] * np.eye(3)})
 
             known, bounds = np.array([tau]), (np.array([responses.SHORTEST_S]), np.array([responses.LONGEST_S]))
             tried, words = np.outer((0.6, 1.0, 1.6), known), f"{channel}, {law.words}"
@@ -189,14 +189,15 @@ class GradientTorque(Observations):
             form = f"{channel}, {law.told(known)}"
             yield replace(unknown("drag", form, columns(known), UNITS[channel], along(channel)), shape=shape)
 
+    def forms_of(self, entry: Entry) -> Iterable[Candidate]:
+        """Candidate of its form; of a memory that with its own constant."""
+        if "tau" not in entry.values:
+            return super().forms_of(entry)
+        laws = self._memories(entry.form.partition(", ")[0], [entry.values["tau"]])
+        return [one for one in laws if one.form == entry.form]
+
     def response(self, entry: Entry) -> list[np.ndarray]:
         """Whitened rows of each block that an effect adds beside a record `without` it; a torque stays in there."""
-        if "tau" in entry.values:
-            laws = self._memories(entry.form.partition(", ")[0], [entry.values["tau"]])
-            added = next((one.added(entry) for one in laws if one.form == entry.form), [None] * len(self.blocks))
-            return [
-                np.zeros(b.observed.size) if one is None else one for b, one in zip(self.blocks, added, strict=True)
-            ]
         stays = entry.listed and effect(entry.cause).channel in ("torque_b", "dipole_b")
         return super().response(replace(entry, parameters={}) if stays else entry)
 
@@ -222,8 +223,9 @@ class GradientTorque(Observations):
         linear, angular = np.zeros((2, about.time.size, sensors, 3))
         if not entry.listed:  # a driver in the difference of the sensors, half in each, or in all angular readings
             channel = entry.form.partition(", ")[0]
-            laws = memories(about, [entry.values["tau"]] if "tau" in entry.values else ())
-            told = (("drag", law.told((tau,)), series) for law, tau, series in laws)
+            constants = [entry.values["tau"]] if "tau" in entry.values else ()
+            laws = ((law, remembered, tau) for law, remembered in memories(about) for tau in constants)
+            told = (("drag", law.told((tau,)), remembered(tau)) for law, remembered, tau in laws)
             added = added_by(entry, channel, f"{channel}, ", itertools.chain(drivers(about), told))[..., None, :]
             if channel == "linear" and sensors == 2:
                 linear += added * np.array([-0.5, 0.5])[:, None]

@@ -1,6 +1,6 @@
 """What effects of the catalogue add to the channels of a day of S-GRS, and the drivers in no list."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -54,9 +54,9 @@ def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
     yield "time", "straight line", (about.time - about.time[0]) / (about.time[-1] - about.time[0]) - 0.5
 
 
-def memories(about: Context, constants: Sequence[float] = MEMORY_S) -> Iterator[tuple[Law, float, np.ndarray]]:
-    """Law, constant s and values (n,) of what remembers a component of the drag, for each of the constants."""
+def memories(about: Context) -> Iterator[tuple[Law, Callable[[float], np.ndarray]]]:
+    """Law of what remembers a component of the drag, and the function of its constant s that gives the values (n,)."""
     for driver, form, drag in drivers(about):
         if driver == "drag" and form.startswith("component"):
             law = Law(form, kernel=MEMORY)
-            yield from ((law, t, law.values(about.time, drag, (t,), off=drag, rested=False)[:, 0]) for t in constants)
+            yield law, lambda tau, law=law, x=drag: law.values(about.time, x, (tau,), off=x, rested=False)[:, 0]

@@ -1,7 +1,7 @@
 """An inertial sensor as discovery sees it: a swing, a roll, or both as one problem that shares the offset."""
 
 import functools
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -26,8 +26,8 @@ REPORTED = {
 #: Channels with a reading; what is left of an attitude wanders with the integrated noise of the voltages.
 READABLE = ("linear", observed_roll.CHANNEL)
 HARMONICS = 4  # of a smooth motion, in what follows it
-#: Epochs round that of the search at which a step is looked for again, in spacings of the search.
 WAVES = ("unknown:attitude", "unknown:latitude")  # about a mean that a roll does not tell from a bias
+#: Epochs round that of the search at which a step is looked for again, in spacings of the search.
 NEAR = np.linspace(-1.0, 1.0, 21)
 
 
@@ -164,22 +164,16 @@ class InertialSensor(records.Observations):
     def physical(self, entry: records.Entry, fitted: records.Fitted) -> records.Entry:
         """Parameters with the mean of a wave in the linear reading, which no record of one axis tells from a bias."""
         found = super().physical(entry, fitted)
-        sizes = found.parameters if fitted.candidate.means else {}
-        means = {
-            n.replace("linear", "mean"): records.Parameter(0.0, abs(p.value), p.unit)
-            for n, p in sizes.items()
-            if p.value
-        }
+        waves = {n: p for n, p in found.parameters.items() if fitted.candidate.means and p.value}
+        means = {n.replace("linear", "mean"): records.Parameter(0.0, abs(p.value), p.unit) for n, p in waves.items()}
         return replace(found, parameters=dict(found.parameters) | means)
 
-    def response(self, entry: records.Entry) -> list[np.ndarray]:
-        """Whitened rows of each block that an effect adds, a step at its own epoch."""
+    def forms_of(self, entry: records.Entry) -> Iterable[records.Candidate]:
+        """Candidate of its form; of a step that at its own epoch."""
         epoch = entry.values.get("time", np.nan)
         if entry.cause != self.step or not (self.swing or self.roll.segment_of(epoch) is not None):
-            return super().response(entry)
-        (one,) = self._steps(epoch, np.array([epoch]))
-        rows = zip(self.blocks, one.added(entry), strict=True)
-        return [np.zeros(block.observed.size) if added is None else added for block, added in rows]
+            return super().forms_of(entry)
+        return self._steps(epoch, np.array([epoch]))
 
     def _steps(self, epoch, at):
         """Steps at epochs (n,) s near one, in the swing or in the segment of the roll that it lies in."""

@@ -16,13 +16,13 @@ from gravcal.calibrations.kbr_phase_centre import noise
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, PARAMETERS
 from gravcal.calibrations.kbr_phase_centre.responses import BREAK, SATELLITES, Halves, halves_of, turned
 from gravcal.effects import effect
+from gravcal.effects.ranging import BREAK_GAP_S
 from gravcal.estimation import crn, records
 from gravcal.physics import frames
 
 #: Turns of the frame that the phase centres are given in.
 FRAME = ("attitude.star_camera_misalignment", "ranging.star_camera_misalignment")
 BREAK_STEP_S = 30.0
-BREAK_GAP_S = 36.0  # on either side of a phase break: before the filter or behind it, its readings say not which
 BREAK_MARGIN_S = 60.0  # of a phase break from the ends of its manoeuvre: half of the filter and some epochs
 #: Closer together where a half ends, which leaves only a few epochs of a break to be seen.
 NEAR_CUT_S = np.arange(-55.0, 56.0, 10.0)
