@@ -527,8 +527,9 @@ def of_both(*campaigns) -> list:
             parts = {"place": half.stretch.place[kept], "lever": half.stretch.lever[kept]}
             rows, stretch = np.arange(half.rows.start, half.rows.stop)[kept], dataclasses.replace(half.stretch, **parts)
             shorter = {"time": half.time[kept], "slow": half.slow[kept], "stretch": stretch}
-            halves.append(dataclasses.replace(half, rows=rows, **shorter))
-        found.append(dataclasses.replace(one, view=dataclasses.replace(one.view, parts=halves)))
+            halves.append(half if kept.all() else dataclasses.replace(half, rows=rows, **shorter))
+        same = [*map(id, halves)] == [*map(id, one.view.parts)]
+        found.append(one if same else dataclasses.replace(one, view=dataclasses.replace(one.view, parts=halves)))
     return found
 
 

@@ -289,7 +289,7 @@ def _series(blocks, rest, channel):
         return (), np.nan, []
     longest = max(parts[0].size for parts in rows.values())
     rows = {k: parts for k, parts in rows.items() if min(part.size for part in parts) > 0.9 * longest}
-    count = min(part.size for parts in rows.values() for part in parts)
+    count = fft.prev_fast_len(min(part.size for parts in rows.values() for part in parts))
     spacing = float(np.median([np.median(np.diff(blocks[k].time[parts[0]])) for k, parts in rows.items()]))
     series = [np.stack([rest[k][parts[a][:count]] for k, parts in rows.items()]).astype("f4") for a in axes]
     return tuple(rows), spacing, series

@@ -227,6 +227,7 @@ def sum_series(point, table, alpha, beta):
     out, total = np.empty((point.shape[0], count)), np.empty((count, BLOCK))
     rows, lumped = np.ones((orders, BLOCK)), np.empty((2 * count, BLOCK))
     x, y, z, q, real, imaginary = np.empty((6, BLOCK))
+    used = [np.any(order) for order in table]
     for start in range(0, point.shape[0], BLOCK):
         size = min(BLOCK, point.shape[0] - start)
         for i in range(BLOCK):  # the last point fills the block
@@ -236,15 +237,16 @@ def sum_series(point, table, alpha, beta):
             real[i], imaginary[i] = np.sqrt(q[i]), 0.0
         total[:] = 0.0
         for m in range(orders):
-            for n in range(1, orders - m):
+            for n in range(1, orders - m if used[m] else 0):
                 row, last, before = rows[n], rows[n - 1], rows[max(n - 2, 0)]
                 a, b = alpha[m, n], beta[m, n]
                 for i in range(BLOCK):
                     row[i] = a * z[i] * last[i] - b * q[i] * before[i]
-            np.dot(table[m, : orders - m].T, rows[: orders - m], lumped)
-            for k in range(count):
-                for i in range(BLOCK):
-                    total[k, i] += real[i] * lumped[2 * k, i] + imaginary[i] * lumped[2 * k + 1, i]
+            if used[m]:
+                np.dot(table[m, : orders - m].T, rows[: orders - m], lumped)
+                for k in range(count):
+                    for i in range(BLOCK):
+                        total[k, i] += real[i] * lumped[2 * k, i] + imaginary[i] * lumped[2 * k + 1, i]
             for i in range(BLOCK):  # (x' + i y')^m to the next order
                 kept = real[i] * x[i] - imaginary[i] * y[i]
                 imaginary[i] = real[i] * y[i] + imaginary[i] * x[i]
