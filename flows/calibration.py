@@ -8,6 +8,7 @@ docs/adding_a_calibration.md.
 import functools
 import importlib
 import json
+import sys
 import tomllib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
@@ -213,13 +214,13 @@ def of_columns(module: str) -> Callable:
 
 def known() -> tuple[str, ...]:
     """Names of the installed calibrations, sorted; none of them is imported."""
-    return tuple(sorted(_entry_points()))
+    return tuple(sorted(_entry_points(*sys.path)))
 
 
 @functools.cache
 def load(name: str) -> Calibration:
     """Record of an installed calibration; its schema and its part of the catalogue are made known."""
-    found = _entry_points()[name].load()
+    found = _entry_points(*sys.path)[name].load()
     if not isinstance(found, Calibration) or found.name != name:
         raise TypeError(f"entry point {name} of {GROUP}: found {found!r:.80}, expected the Calibration {name!r}")
     if found.catalogue:
@@ -234,7 +235,8 @@ def load_all() -> dict[str, Calibration]:
     return {name: load(name) for name in known()}
 
 
-def _entry_points():
+@functools.cache
+def _entry_points(*_places):
     return {point.name: point for point in metadata.entry_points(group=GROUP)}
 
 

@@ -145,8 +145,7 @@ def _prepared(calibration, event, data, satellite, date, settings, model, as_, j
     """Source and parameters of one event; where there is none, the document says so."""
     chosen = command.chosen(calibration, settings, model, as_)
     with _failures(calibration, event or str(data), json, chosen.configuration):
-        source = command.source(calibration, event, data, satellite, date)
-        return source, configurations.record(chosen)
+        return command.source(calibration, event, data, satellite, date), configurations.record(chosen)
 
 
 @command_of(app)

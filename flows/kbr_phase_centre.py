@@ -91,8 +91,7 @@ def scene_settings(source, chosen):
 @flow(name="kbr_phase_centre_detect")
 def detect(source, chosen):
     """Wiggles of one day in the pointing angles."""
-    aligned = aligned_records(source, chosen)
-    return kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
+    return kbr_phase_centre.pointing(aligned_records(source, chosen), **_pointing_settings(source, chosen))
 
 
 def level_one_files(source, first="KBR1B"):

@@ -1,5 +1,7 @@
 """Level-1 records in order of time and on GPS time, marked where they are not usable. Shared by the calibrations."""
 
+import functools
+
 import numpy as np
 import xarray as xr
 
@@ -116,8 +118,7 @@ def late_of_pair(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
     best = min(tried, key=lambda which: min(tried[which]))  # the ranging if none is late
     found[best] = _clear(lag, tried[best])
     first, second = (moved(k, np.arange(time.size), int(late)) for k, late in enumerate(found[3:]))
-    between = second - first
-    between /= np.linalg.norm(between, axis=1, keepdims=True)
+    between = (second - first) / np.linalg.norm(second - first, axis=1, keepdims=True)
     routine = place[~in_windows(time[place], _spans(pointed), MARGIN_S)]
     for k, toward in enumerate((between, -between)):
         quaternion = aligned["quaternion"].values[k]
@@ -152,12 +153,13 @@ def _rates_left(aligned, moved, place):
     """Function (stream, s) -> (n,) m s-1 left of the range rate by the orbits, were the tags of the stream so late."""
     read = np.interp(aligned["time"].values[place], aligned["time_kbr"].values, aligned["reading_range_rate"].values)
 
+    @functools.lru_cache(16)  # lags one after the other share all but one of their orbits
+    def orbit(satellite, shift, late):
+        return moved(satellite, place + shift, late)
+
     def left(stream, late):
-        here = place - late if stream == 0 else place
-        before, apart, after = (
-            moved(1, here + step, late * (stream == 4)) - moved(0, here + step, late * (stream == 3))
-            for step in (-1, 0, 1)
-        )
+        of_all, *of_one = (late * (stream == k) for k in (0, 3, 4))
+        before, apart, after = (np.subtract(*(orbit(k, s - of_all, of_one[k]) for k in (1, 0))) for s in (-1, 0, 1))
         return read - np.einsum("ni,ni->n", apart, (after - before) / 2) / np.linalg.norm(apart, axis=1)
 
     return left

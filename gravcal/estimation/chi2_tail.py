@@ -19,8 +19,7 @@ def log_tail(chi2, dof, freedom: float = np.inf) -> np.ndarray:
 def least_log_tail(chi2: np.ndarray, dof: np.ndarray) -> np.ndarray:
     """Smallest `log_tail` over many (k, d), for each column: that of the largest of each of the numbers `dof` (k,)."""
     kinds = np.unique(dof)
-    largest = np.stack([chi2[dof == kind].max(axis=0) for kind in kinds])
-    return log_tail(largest, kinds[:, None]).min(axis=0)
+    return log_tail(np.stack([chi2[dof == kind].max(axis=0) for kind in kinds]), kinds[:, None]).min(axis=0)
 
 
 def log_gamma_tail(value, shape: float, mean: float, *, smaller: bool = False) -> np.ndarray:

@@ -132,5 +132,4 @@ def angle_from_rate_change(time: np.ndarray, R_bi: np.ndarray, rate_change_b: np
 
 def _central(time, values):
     """(values after - values before) / (time after - time before) at the inner epochs."""
-    span = (time[2:] - time[:-2]).reshape(-1, *[1] * (values.ndim - 1))
-    return (values[2:] - values[:-2]) / span
+    return (values[2:] - values[:-2]) / (time[2:] - time[:-2]).reshape(-1, *[1] * (values.ndim - 1))

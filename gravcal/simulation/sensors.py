@@ -155,8 +155,7 @@ def _digitised(true, kind, names, satellite, chosen, rng):
 def _star_camera(epochs, motion, chosen, effects, rng):
     angle = star_camera_noise(epochs.sca.size, chosen, rng)
     angle = angle + added(effects, "pointing_b", Context(time=epochs.sca, rate_b=motion.rate_b))
-    measured = star_camera(motion.quaternion, angle, rng)
-    return attitude_columns(epochs.sca_tag, measured)
+    return attitude_columns(epochs.sca_tag, star_camera(motion.quaternion, angle, rng))
 
 
 def _magnetometer(epochs, motion, scene, satellite, chosen, effects, rng):

@@ -296,7 +296,10 @@ def _status(path):
 
 @functools.cache
 def _tree(path):
-    return ast.parse(_source(path))
+    return _parsed(_source(path))
+
+
+_parsed = functools.cache(ast.parse)  # by content
 
 
 def _module_of(target):

@@ -112,8 +112,7 @@ def product(values, given, variant: str, source: str) -> xr.Dataset:
 
 def nothing(count: int) -> dict[str, np.ndarray]:
     """Values of a solution in which so many manoeuvres tell nothing."""
-    values = _values([None] * count, [], [], None, 0)
-    return values | {"noise_density": np.full((3, FREQUENCY.size), np.nan)}
+    return _values([None] * count, [], [], None, 0) | {"noise_density": np.full((3, FREQUENCY.size), np.nan)}
 
 
 def _joint_offset(scores):
