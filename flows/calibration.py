@@ -50,7 +50,8 @@ class Discovery:
     again: int = 0  #: how many times the search is repeated in records without what it has found
     #: (source, chosen, search, variant) -> products by name without what a search found; None: by `records`
     rebuilt: Callable | None = None
-    #: (source, chosen, records) -> product with the result of the calibration from such records
+    #: (source, chosen, records, moved, added) -> product with the result from such records and what a model adds:
+    #: results for each direction of its errors, text of `model_result`
     result: Callable | None = None
     #: (source, chosen, with limits or not) -> report of a discovery that is made of those of others; None: of its own
     together: Callable | None = None

@@ -23,12 +23,10 @@ def calibrate(source, chosen):
     checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
     smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
-    combined = com_offset.combine(*solved, **chosen.for_stage("combine"))
-    if moved or added:
-        combined = com_offset.model_error(combined, *moved, added=added, **chosen.for_stage("model_error"))
     others = [common.ingest(file, event=source.event) for file in source.files(*CALIBRATION.inputs["orbit"])[1:]]
     judged = com_offset.checks(aligned, checked, smoothed, *others, **chosen.for_stage("checks"))
-    products = (combined, *solved, *angular, smoothed, checked, surveyed, found, aligned, judged)
+    joined = _joined(chosen, solved, moved, added)
+    products = (joined, *solved, *angular, smoothed, checked, surveyed, found, aligned, judged)
     known, settings = catalog.satellite(source.satellite).settings(), chosen.for_report()
     settings |= {name: known[name] for name in ("roll_response", "roll_response_sigma") if name in known}
     told = {"event": source.event, "satellite": source.satellite, "settings": settings}
@@ -67,11 +65,17 @@ def with_torquers(source, chosen, aligned):
     return {"align": aligned, "field": checked, "attitude": smoothed, "solve": solved}
 
 
-def combined(source, chosen, aligned):
-    """Offset from aligned records, all angular accelerations."""
+def combined(source, chosen, aligned, moved=(), added=""):
+    """Offset from aligned records, all angular accelerations, with what a model adds."""
     checked = com_offset.field(aligned, **chosen.for_stage("field"))
-    solved = _solved(source, chosen, aligned, checked, VARIANTS)[2]
-    return com_offset.combine(*solved, **chosen.for_stage("combine"))
+    return _joined(chosen, _solved(source, chosen, aligned, checked, VARIANTS)[2], moved, added)
+
+
+def _joined(chosen, solved, moved, added):
+    found = com_offset.combine(*solved, **chosen.for_stage("combine"))
+    if not (moved or added):
+        return found
+    return com_offset.model_error(found, *moved, added=added, **chosen.for_stage("model_error"))
 
 
 def scene_settings(source, chosen):

@@ -44,7 +44,7 @@ def flow_of(name: str, shown: bool = False):
     @flow(name=f"{name}_discovery")
     def discover(source, chosen):
         """Causes of what a calibration leaves unexplained in one event."""
-        looked, event, results = one.discovery, {"event": source.event}, ()
+        looked, event, results, digest = one.discovery, {"event": source.event}, (), ""
         if looked.together is not None:
             return looked.together(source, chosen, shown)
         found, records, products = searched(one, source, chosen, shown)
@@ -52,14 +52,17 @@ def flow_of(name: str, shown: bool = False):
             fixed = {"observations": looked.observations, "names": list(products)}
             fixed |= {"records": records.kind, "settings": looked.settings(source, chosen)} | event
             without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **fixed)
-            after = looked.result(source, chosen, without)
-            before = looked.result(source, chosen, records)  # last: latest/ leads to it
-            results = before, after
+            results = [looked.result(source, chosen, one) for one in (without, records)][::-1]
+            recorded = looked.records(source, chosen)
+            added, digest = calibrations.model_result(chosen.model, one.name, recorded.digest), recorded.digest
+            _, moved = looked.taken_out(source, chosen, recorded, alone=bool(added))
+            if moved or added:  # what the given model adds, as in a run with it
+                results.append(looked.result(source, chosen, records, moved, added))
         elif looked.again:
             looked.baseline(source, chosen)  # last: latest/ leads to it
         values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
         named = {"calibration": one.name, "observations": looked.observations, "satellite": source.satellite} | event
-        return discovery.report(found, *results, **named, settings=values)
+        return discovery.report(found, *results, **named, settings=values, records=digest)
 
     return discover
 

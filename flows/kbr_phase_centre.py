@@ -24,9 +24,7 @@ def calibrate(source, chosen):
     recorded = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
     added = model_result(chosen.model, "kbr_phase_centre", recorded.digest)
     aligned, moved = DISCOVERY.taken_out(source, chosen, recorded, alone=bool(added))
-    pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned)
-    if moved or added:
-        combined = kbr_phase_centre.model_error(combined, *moved, added=added, **chosen.for_stage("model_error"))
+    pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned, moved=moved, added=added)
     checked = inputs_checked(source, chosen, files, aligned, pointed, equations)
     told = {"event": source.event, "settings": chosen.for_report()} | nominal_of(source)
     told["published"] = common.printed_of("kbr_phase_centre")
@@ -52,8 +50,8 @@ def inputs_checked(source, chosen, files, aligned, pointed, equations):
     return kbr_phase_centre.checks(aligned, pointed, *equations[:2], *orbits, **settings)
 
 
-def _solved(source, chosen, aligned, observables=OBSERVABLES):
-    """Pointing, observation equations, noise, solutions, and all observables beside each other."""
+def _solved(source, chosen, aligned, observables=OBSERVABLES, moved=(), added=""):
+    """Pointing, observation equations, noise, solutions, and all observables together with what a model adds."""
     pointed, equations = with_equations(source, chosen, aligned, observables)
     quiet = kbr_phase_centre.noise(equations[0], **chosen.for_stage("noise"))
     settings = chosen.for_stage("solve") | nominal_of(source)
@@ -63,7 +61,10 @@ def _solved(source, chosen, aligned, observables=OBSERVABLES):
     ]
     if observables != OBSERVABLES:
         return pointed, equations, quiet, solved, None
-    return pointed, equations, quiet, solved, kbr_phase_centre.combine(*solved, **chosen.for_stage("combine"))
+    combined = kbr_phase_centre.combine(*solved, **chosen.for_stage("combine"))
+    if moved or added:
+        combined = kbr_phase_centre.model_error(combined, *moved, added=added, **chosen.for_stage("model_error"))
+    return pointed, equations, quiet, solved, combined
 
 
 def of_range(source, chosen, aligned):
@@ -183,7 +184,7 @@ DISCOVERY = Discovery(
     "gravcal.calibrations.kbr_phase_centre.observations",
     records=aligned_records,
     products=of_range,
-    result=lambda source, chosen, aligned: _solved(source, chosen, aligned)[-1],
+    result=lambda source, chosen, aligned, *given: _solved(source, chosen, aligned, OBSERVABLES, *given)[-1],
 )
 CALIBRATION = Calibration(
     **stated(__file__),

@@ -32,16 +32,14 @@ LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=22, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
-    found = driver.discover(observations_of(products, observations, names, settings), _limits(limits))
-    return found.assign_attrs(records=product.digest(products[0]) if products else "")
+    return driver.discover(observations_of(products, observations, names, settings), _limits(limits))
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=22, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
     observed = observations_of(products, observations, names, settings)
-    found = driver.discover_again(observed, _limits(limits), first, _model(first))
-    return found.assign_attrs(records=first.attrs["records"])
+    return driver.discover_again(observed, _limits(limits), first, _model(first))
 
 
 def _limits(given):
@@ -74,10 +72,10 @@ def extend_by(found, *products, records, observations, names, settings, tentativ
     return _without(observations_of(products, observations, names, settings), products, records, names, model)
 
 
-@stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=5, also=["{observations}"])
-def report(found, *combined, calibration, observations, event, satellite, settings):
-    """Result document, page and extended model; with the calibration before and after, where it has such a result."""
-    named = {"calibration": calibration, "event": event, "satellite": satellite}
+@stage(reads=["*.discovery", "*.combine"], writes="{calibration}.discovery_report", version=6, also=["{observations}"])
+def report(found, *combined, calibration, observations, event, satellite, settings, records):
+    """Document, page and extended model; with results before, after, and before with what a model adds, if any."""
+    named = {"calibration": calibration, "event": event, "satellite": satellite, "records": records}
     reported = getattr(importlib.import_module(observations), "REPORT", Reported())
     return report_science.report(found, *combined, settings=settings, reported=reported, **named)
 

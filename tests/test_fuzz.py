@@ -16,18 +16,8 @@ RUNS = 3  # of each calibration
 @pytest.mark.parametrize(("calibration", "seed"), list(zip(fuzz.EVENTS, (2, 1, 3, 3), strict=True)))
 def test_mutated_files_never_give_a_trace_or_a_wrong_result(calibration, seed):
     """Contract: an error, no result, questionable, or within 4 total sigma; within 1 GB and 60 s."""
-    command = [
-        sys.executable,
-        "-m",
-        "benchmarks",
-        "fuzz",
-        "--calibration",
-        calibration,
-        "--runs",
-        str(RUNS),
-        "--workers",
-        "1",
-    ]
+    command = [sys.executable, "-m", "benchmarks", "fuzz", "--calibration", calibration, "--runs", str(RUNS)]
+    command += ["--workers", "1"]
     done = subprocess.run([*command, "--seed", str(seed)], capture_output=True, text=True, check=True, cwd=ROOT)
     (said,) = re.findall(rf"^{calibration}: (.*)$", done.stdout, re.MULTILINE)
     found = {outcome: int(count) for count, outcome in re.findall(r"(\d+) ([^,]+)", said)}

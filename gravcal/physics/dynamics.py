@@ -72,8 +72,7 @@ def rate_derivative(inertia, rate_b, torque_b):
     w' = J^-1 (t - w x J w); Remote Sens. 2022, 14, 4030, eq. 18.
     """
     J, w = np.asarray(inertia, float), np.asarray(rate_b, float)
-    gyroscopic = np.cross(w, np.matvec(J, w))
-    return np.linalg.solve(J, (torque_b - gyroscopic)[..., None])[..., 0]
+    return np.linalg.solve(J, (torque_b - np.cross(w, np.matvec(J, w)))[..., None])[..., 0]
 
 
 def integrate(time, state, torque, max_step=2.0):

@@ -39,8 +39,7 @@ def quaternion_from_R_bi(R_bi):
     """Quaternion (..., 4), scalar first and not negative, of rotations (..., 3, 3) from inertial to body components."""
     R = check_shape("quaternion_from_R_bi", R_bi, (..., 3, 3))
     rotation = scipy.spatial.transform.Rotation.from_matrix(np.swapaxes(R, -1, -2).reshape(-1, 3, 3))
-    q = rotation.as_quat(canonical=True, scalar_first=True)
-    return q.reshape(*R.shape[:-2], 4)
+    return rotation.as_quat(canonical=True, scalar_first=True).reshape(*R.shape[:-2], 4)
 
 
 def quaternion_product(left, right):

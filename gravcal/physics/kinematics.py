@@ -126,8 +126,7 @@ def angle_from_rate_change(time: np.ndarray, R_bi: np.ndarray, rate_change_b: np
     -----
     d(angle)/dt = dw - w x angle, so angle_i is the integral of R_ib dw.
     """
-    change_i = np.swapaxes(R_bi, 1, 2) @ rate_change_b
-    return R_bi @ running_integral(time, change_i)
+    return R_bi @ running_integral(time, np.swapaxes(R_bi, 1, 2) @ rate_change_b)
 
 
 def _central(time, values):

@@ -31,8 +31,7 @@ def sunlit(position_i, sun):
 def argument_of_latitude(position_i: np.ndarray, normal_i: np.ndarray) -> np.ndarray:
     """Angle (n,) rad from the ascending node to positions (n, 3) m of an orbit with the given normal (3,)."""
     node = np.cross([0.0, 0.0, 1.0], normal_i)
-    across = np.cross(normal_i / np.linalg.norm(normal_i), node)
-    return np.arctan2(position_i @ across, position_i @ node)
+    return np.arctan2(position_i @ np.cross(normal_i / np.linalg.norm(normal_i), node), position_i @ node)
 
 
 def warmth(time, time_orbit, position_i, lag_s=WARMING_S):

@@ -33,12 +33,12 @@ KEPT = 0.5  # of the square of what a finding adds that bins have to keep
 
 
 def report(
-    found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, satellite: str, settings: dict, reported
+    found: xr.Dataset, *combined, calibration: str, event: str, satellite: str, records: str, settings: dict, reported
 ) -> tuple[xr.Dataset, dict[str, str]]:
     """Report product of a discovery with the probabilities of adequacy, and its files {name: text}.
 
-    There are the discovery and, if the calibration has such, its combined results before and after; `reported` says
-    what the calibration tells of its result and readings.
+    There are the discovery and, if the calibration has such, its combined results before and after, and before with
+    what a given model adds; `reported` says what it tells of its result and readings. Records: digest of the recorded.
     """
     document, outcome = judged(
         found, *combined, calibration=calibration, event=event, settings=settings, reported=reported
@@ -47,8 +47,8 @@ def report(
     if outcome and outcome.findings and "model" in settings:  # a calibration that takes one
         change, added = outcome.calibration_change, None
         spread = change.covariance_of_findings
-        if combined and not settings["model"] and np.all(np.isfinite(np.array(spread, dtype=float))):
-            row = {"calibration": calibration, "records": found.attrs["records"], "unit": change.unit}
+        if combined and np.all(np.isfinite(np.array([change.correction, *spread], dtype=float))):
+            row = {"calibration": calibration, "records": records, "unit": change.unit}
             added = row | {"correction": change.correction, "covariance": spread}
         extended = model_text(outcome.findings, event, settings["model"], added)
         files |= {"model.toml": extended} if extended else {}
@@ -74,12 +74,14 @@ def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
     if outcome:
         joint = change = outcome.calibration_change
         if combined:
-            (name, old, covariance), (_, new, other) = (reported.result(one) for one in combined)
-            new = new + np.array(joint.correction, dtype=float)
-            spread = covariance, other + np.array(joint.covariance_of_findings, dtype=float)
-            sigma = [np.sqrt(np.diag(c)) for c in spread]
-            own = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1]}
-            own |= {"change": new - old, "change_in_old_sigma": (new - old) / sigma[0]}
+            (name, old, covariance), (_, new, other), *given = (reported.result(one) for one in combined)
+            _, begun, spread = given[0] if given else (name, old, covariance)
+            correction = begun - old + np.array(joint.correction, dtype=float)
+            more = spread - covariance + np.array(joint.covariance_of_findings, dtype=float)
+            old, new, sigma = begun, new + correction, [np.sqrt(np.diag(c)) for c in (spread, other + more)]
+            own = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1], "change": new - old}
+            own |= {"change_in_old_sigma": (new - old) / sigma[0], "correction": correction}
+            own |= {"covariance_of_findings": more}
             change = replace(joint, variant=name, **plain.as_plain(own))
         rows = change.names, units(change.unit, change.names), change.after, change.sigma_after
         for name, unit, value, sigma in zip(*rows, strict=True):

@@ -141,8 +141,7 @@ def magnetic_acceleration(arc: Arc, shift: float, time: np.ndarray, field_b: np.
 
     The dipole is the mean over the sampling interval `width` (s); all edges later by `shift` (s).
     """
-    torque = np.cross(mean_dipole(arc, time, shift, width), field_b)
-    return np.linalg.solve(arc.inertia, torque.T).T
+    return np.linalg.solve(arc.inertia, np.cross(mean_dipole(arc, time, shift, width), field_b).T).T
 
 
 def updated(solution: Solution, step: dict[str, np.ndarray]) -> Solution:

@@ -170,8 +170,7 @@ def _spans(time, inside, shortest):
     for part in np.split(np.arange(time.size), breaks):
         begin, end = runs(inside[part])
         spans += [(time[part[a]], time[part[b - 1]]) for a, b in zip(begin, end, strict=True)]
-    long = [span for span in spans if span[1] - span[0] >= shortest]
-    return np.array(long, dtype=float).reshape(-1, 2)
+    return np.array([one for one in spans if one[1] - one[0] >= shortest], dtype=float).reshape(-1, 2)
 
 
 def align(

@@ -148,8 +148,7 @@ def _pointing(time, quaternion, orbit, rolling):
     state = lines_between(time[covered], orbit["time"][known], state[known])
     R_bo = frames.R_bi_from_quaternion(quaternion[covered]) @ np.swapaxes(frames.flight_frame(state), 1, 2)
     whole = np.trace(R_bo, axis1=1, axis2=2) / 2 - 0.5
-    cosine = np.where(rolling[covered], R_bo[:, 1, 1], whole)
-    return np.arccos(np.clip(cosine, -1, 1)).max()
+    return np.arccos(np.clip(np.where(rolling[covered], R_bo[:, 1, 1], whole), -1, 1)).max()
 
 
 def result(products: Mapping[str, xr.Dataset], limits: Mapping) -> list[Check]:

@@ -215,8 +215,7 @@ def slow_columns(time: np.ndarray, segment: np.ndarray, degree: int, derivative:
     slow = least_squares.polynomial(time, degree, time[0], time[-1])
     if derivative:
         return slow
-    steps = [segment == s for s in np.unique(segment)[1:]]
-    return np.column_stack([slow, *steps]).astype(float)
+    return np.column_stack([slow, *(segment == s for s in np.unique(segment)[1:])]).astype(float)
 
 
 def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.Spectrum, step: float) -> np.ndarray:

@@ -107,8 +107,7 @@ def _firings(observed, position_b, force_b):
     seconds = 1e-3 * values  # ms in the file
     torque = np.cross(np.asarray(position_b)[:THRUSTERS], np.asarray(force_b)[:THRUSTERS])
     used = seconds.sum(axis=1) > 0
-    middle = time + seconds.max(axis=1) / 2
-    return Firings(middle[used], seconds[used] @ torque)
+    return Firings((time + seconds.max(axis=1) / 2)[used], seconds[used] @ torque)
 
 
 def records(aligned: xr.Dataset) -> Records:

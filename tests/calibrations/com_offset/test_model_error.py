@@ -70,6 +70,9 @@ def leak(value, error=""):
     return read(f'{text}parameters.z_from_x = {{ value = {value}, {error}unit = "m s-2 A-1 m-2" }}')
 
 
+HALF = leak(0.5 * LEAK, f"sigma = {0.02 * LEAK}, ")
+
+
 def test_the_error_of_a_leak_is_in_the_offset(files):
     """Recovery: a leak that is wrong by its error moves the offset by what the covariance holds beyond the noise."""
     given = (LEAK, ""), (0.97 * LEAK, ""), (LEAK, f"sigma = {0.03 * LEAK}, ")
@@ -82,7 +85,7 @@ def test_the_error_of_a_leak_is_in_the_offset(files):
 
 def test_a_search_begins_with_the_model_that_is_given(files):
     """Contract: what the model holds is not found again; half of it is, and the new model holds both halves."""
-    (document, whole), (_, half) = (found(files, leak(share * LEAK)) for share in (1.0, 0.5))
+    (document, whole), (_, half) = (found(files, one) for one in (leak(LEAK), HALF))
     assert document["findings"] == []
     assert not (whole / "model.toml").exists()
     entries = json.loads(calibration.model_text(half / "model.toml"))
@@ -93,14 +96,15 @@ def test_a_search_begins_with_the_model_that_is_given(files):
 
 
 def test_a_run_with_the_model_of_a_search_gives_its_value_and_its_error(files):
-    """Contract: the averaged value and all of the error are in the model, for the records it was found in."""
-    document, folder = found(files, "")
-    change = document["calibration_change"]
-    result = adopted(files, calibration.model_text(folder / "model.toml"))
-    np.testing.assert_allclose(result["offset_um"], change["after"], rtol=1e-9)
-    np.testing.assert_allclose(result["sigma_um"], change["sigma_after"], rtol=1e-9)
-    other = calibration.model_result(calibration.model_text(folder / "model.toml"), "com_offset", "other records")
-    assert not other
+    """Contract: averaged value and all of the error, for these records; also where the search began with a model."""
+    for given in ("", HALF):
+        document, folder = found(files, given)
+        change, model = document["calibration_change"], calibration.model_text(folder / "model.toml")
+        for entries, when in ((given, "before"), (model, "after")):
+            result = adopted(files, entries)
+            np.testing.assert_allclose(result["offset_um"], change[when], rtol=1e-6)
+            np.testing.assert_allclose(result["sigma_um"], change[f"sigma_{when}"], rtol=1e-6)
+    assert not calibration.model_result(model, "com_offset", "other records")
 
 
 def found(files, model):
