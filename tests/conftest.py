@@ -15,7 +15,7 @@ single_threaded()  # before numpy, as every command does: two workers of pytest 
 SEED = seeds.settle()
 SHARED = Path(__file__).parents[2] / "shared"
 #: Folders and files of tests that run much and look at no picture.
-UNSEEN = ("calibrations", "discovery", "flows/test_every", "independent", "test_docs_c", "test_meas", "test_recov")
+UNSEEN = ("calibrations", "discovery", "flows/test_ev", "independent", "test_bad", "test_docs_", "test_me", "test_rec")
 
 
 def pytest_collection_modifyitems(items):
