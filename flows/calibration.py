@@ -88,7 +88,7 @@ class Discovery:
             names=list(products),
             observations=self.observations,
             records=records.kind,
-            settings=self.settings(source, chosen),
+            settings=self.settings(source, chosen) | self.chosen_for(chosen)[0],
             model=model,
             variant=variant,
         )
@@ -281,7 +281,7 @@ def _entry(one, path):
     cause, values = one["cause"], {}
     known = None if cause.startswith("unknown:") else [p.name for p in effect_catalogue.effect(cause).parameters]
     for name, parameter in one["parameters"].items():
-        if known is not None and name not in known:
+        if known is not None and name not in known and name.removesuffix("_1").removesuffix("_2") not in known:
             refuse(path, f"{cause}.{name}", f"one of {', '.join(known)}", WRITTEN, CatalogError)
         values[name] = {n: float(parameter[n]) for n in ("value", "sigma") if n in parameter}
         values[name] |= {"unit": parameter["unit"]} if "unit" in parameter else {}

@@ -91,14 +91,15 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
 
 
 def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
-    """Raise CatalogError if an entry in no list names no driver of this calibration: its effect would stay unseen."""
+    """Raise CatalogError if an entry names no driver of this calibration, or a sensor that it has not."""
     strange = {entry.cause for entry in model if not entry.listed}
+    strange |= {f"{one.cause}.{n}" for one in model if one.listed for n in one.values if n.endswith(("_1", "_2"))}
     if observed is None or not strange:
         return
     known = {slug_of(one.cause) for one in observed.candidates} | {line.cause for line in observed.lines}
-    known |= set(observed.tones.values())
+    known |= {*observed.tones.values(), *(f"{one.cause}.{name}" for one in observed.candidates for name in one.names)}
     if strange - known:
-        drivers = sorted(cause for cause in known if cause.startswith("unknown:"))
+        drivers = sorted(cause for cause in known if cause.startswith("unknown:") and "." not in cause)
         raise CatalogError(
             f"model: found {', '.join(sorted(strange - known))}, expected some of the catalogue or of {observed.name}: "
             f"{', '.join(drivers)}. Write the model with gravcal discover of this calibration."

@@ -154,8 +154,7 @@ def _disagreement(residuals, informations, modes):
         right += columns.T @ inverse @ residual
         total += residual @ inverse @ residual
         rank += _rank(information)
-    chi2 = total - right @ stable_inverse(normal) @ right
-    return float(max(chi2, 0.0)), rank - _rank(sum(informations))
+    return float(max(total - right @ stable_inverse(normal) @ right, 0.0)), rank - _rank(sum(informations))
 
 
 def _rank(information):

@@ -256,11 +256,8 @@ def strangers_are_refused_and_run_nothing(served, events, tmp_path, prefect_home
     assert not made.exists()
     string, page = (prefect_home / "auth").read_text(), prefect_home / "open-fakecal.html"
     assert len(string) > 40
-    assert [path.stat().st_mode & 0o777 for path in (prefect_home, prefect_home / "auth", page)] == [
-        0o700,
-        0o600,
-        0o600,
-    ]
+    modes = [path.stat().st_mode & 0o777 for path in (prefect_home, prefect_home / "auth", page)]
+    assert modes == [0o700, 0o600, 0o600]
     coded = base64.b64encode(string.encode()).decode()
     assert f"{served[:-4]}/enter#{coded}" in page.read_text()
     assert "localStorage" in answer(served[:-4], "/enter").text

@@ -107,6 +107,15 @@ def test_a_run_with_the_model_of_a_search_gives_its_value_and_its_error(files):
     assert not calibration.model_result(model, "com_offset", "other records")
 
 
+def test_a_driver_is_taken_out_and_another_sensor_refused(files):
+    """Contract: a run takes out an effect in no list. Bad input: a parameter of a sensor that is not there."""
+    text = '[[effect]]\ncause = "unknown:torquer_current"\nform = "linear reading, a memory of the current, tau 50 s"\n'
+    text += 'parameters = { linear_x = { value = 1e-6, unit = "m s-2" }, tau = { value = 50.0, unit = "s" } }'
+    assert np.abs(np.subtract(adopted(files, read(text))["offset_um"], adopted(files, "")["offset_um"])).max() > 1.0
+    with pytest.raises(CatalogError, match=r"found accelerometer\.temperature\.y_1, expected"):
+        adopted(files, read('[[effect]]\ncause = "accelerometer.temperature"\nparameters.y_1 = { value = 1e-9 }'))
+
+
 def found(files, model):
     """Document and folder of the report of a search."""
     document, ref = commands.run("com_offset", files, discovery=True, model=model, discovery_level="0.0002")
