@@ -14,12 +14,13 @@ from gravcal.store import keys
 single_threaded()  # before numpy, as every command does: two workers of pytest share two cores
 SEED = seeds.settle()
 SHARED = Path(__file__).parents[2] / "shared"
-#: Folders and files of tests that run much and look at no picture.
-UNSEEN = ("calibrations", "discovery", "flows/test_ev", "independent", "test_bad", "test_docs_", "test_me", "test_rec")
+#: Beginnings of the paths of tests that run much and look at no picture.
+UNSEEN = ("calib", "discovery", "flows/test_ev", "indep", "test_bad", "test_docs_", "test_me", "test_rec")
 
 
 def pytest_collection_modifyitems(items):
-    """Skip what needs a folder beside the project where it is not: measured days, or that which the mark names."""
+    """Long files first; skipped is what needs a folder beside the project where it is not, data or that of the mark."""
+    items.sort(key=lambda item: item.path.name not in ("test_recovery.py", "test_wheel.py"))
     for item in items:
         for mark in item.iter_markers("measured"):
             folder = SHARED.joinpath(*(mark.args or ("data",)))
@@ -119,9 +120,7 @@ def _pictures(request):
     """Let figures be drawn but not written where nobody looks at them: a fifth of the time of a run with its page."""
     with pytest.MonkeyPatch.context() as patch:
         if str(request.path.relative_to(Path(__file__).parent)).startswith(UNSEEN):
-            from matplotlib.figure import Figure
-
-            patch.setattr(Figure, "savefig", lambda _, to, **__: to.write(b"<svg/>"))
+            patch.setattr("matplotlib.figure.Figure.savefig", lambda _, to, **__: to.write(b"<svg/>"))
         yield
 
 

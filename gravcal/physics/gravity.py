@@ -196,7 +196,7 @@ def kernel_tables(series):
     m = np.arange(1, orders)
     ratios = np.where(m == 1, 3.0, (2 * m + 1) / (2 * m))  # squared, of sectorial functions of neighbouring orders
     sectorial = np.sqrt(np.concatenate([[1.0], np.cumprod(ratios)]))
-    for m in range(orders):
+    for m in np.flatnonzero(np.any(series, axis=(0, 1))):
         n = np.arange(m, orders)
         for k, K in enumerate(series):
             table[m, : n.size, 2 * k] = sectorial[m] * K[n, m].real

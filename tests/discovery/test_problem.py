@@ -78,7 +78,7 @@ def test_columns_along_own_ones_are_gone_and_not_rounding(made):
 
 def test_a_driver_that_the_calibration_has_not_is_an_error():
     """Contract: it was ignored without a word; causes of the catalogue, drivers and lines that are searched pass."""
-    searched = [SimpleNamespace(cause=cause) for cause in ("unknown:pointing", "ranging.delay")]
+    searched = [SimpleNamespace(cause=cause, names=()) for cause in ("unknown:pointing", "ranging.delay")]
     lines = (SimpleNamespace(cause="unknown:time"),)
     observed = SimpleNamespace(name="kbr_phase_centre", candidates=searched, lines=lines, tones={})
     known, foreign = ("unknown:pointing", "unknown:time", "torque.eddy_current"), Entry("unknown:warmth", "", {})

@@ -45,6 +45,7 @@ def test_a_paper_is_reproduced_from_an_archive(name, tmp_path, monkeypatch):
     figures = [one | {"series": "Table 8"} if "series" in one else one for one in paper["figures"]]
     narrowed = paper | {"tables": tables, "figures": figures, "simulate": paper["simulate"] | settings}
     monkeypatch.setattr(reproduce, "papers", lambda: {name: narrowed})
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _, to, **__: to.write(b"<svg/>"))  # of none
     served, out = published_methods.served(name, tmp_path), tmp_path / "out"
     for variable, value in (("NO_PROXY", "127.0.0.1"), ("NETRC", str(tmp_path / "netrc"))):
         monkeypatch.setenv(variable, value)
@@ -148,9 +149,8 @@ def test_no_table_or_figure_of_a_paper_is_missing():
         for kind, items in (("Table", paper["tables"]), ("Figure", paper["figures"])):
             numbers = set()
             for one in items:
-                for first, last in re.findall(
-                    r"(\d+)(?: to (\d+))?", one["name"] if one["name"].startswith(kind) else ""
-                ):
+                named = one["name"] if one["name"].startswith(kind) else ""
+                for first, last in re.findall(r"(\d+)(?: to (\d+))?", named):
                     numbers |= set(range(int(first), int(last or first) + 1))
             if not any(one["name"].startswith("Figures of") for one in items):  # by what they show, not by number
                 assert numbers == set(range(1, len(numbers) + 1)), (name, kind)

@@ -215,7 +215,7 @@ def _scored(made, data, knots, level):
         value = value + np.clip(np.linalg.solve(share.T @ share + np.diag(prior), right), -1, 1)
     covariance, both = np.linalg.inv(share.T @ share + np.diag(prior)), np.column_stack(knots)
     own = [np.r_[:count, count + k * width : count + (k + 1) * width] for k in range(len(made))]
-    variance = [np.einsum("mi,ij,mj->m", both, covariance[np.ix_(one, one)], both) for one in own]
+    variance = [np.sum(both @ covariance[np.ix_(one, one)] * both, axis=1) for one in own]
     return knots[0] @ value[:count], value[count:].reshape(level.shape) - level, variance
 
 
