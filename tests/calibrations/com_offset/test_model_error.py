@@ -102,8 +102,8 @@ def test_a_run_with_the_model_of_a_search_gives_its_value_and_its_error(files):
         change, model = document["calibration_change"], calibration.model_text(folder / "model.toml")
         for entries, when in ((given, "before"), (model, "after")):
             result = adopted(files, entries)
-            np.testing.assert_allclose(result["offset_um"], change[when], rtol=1e-6)
-            np.testing.assert_allclose(result["sigma_um"], change[f"sigma_{when}"], rtol=1e-6)
+            np.testing.assert_allclose(result["offset_um"], change[when], rtol=1e-9)
+            np.testing.assert_allclose(result["sigma_um"], change[f"sigma_{when}"], rtol=1e-9)
     assert not calibration.model_result(model, "com_offset", "other records")
 
 
