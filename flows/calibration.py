@@ -50,8 +50,7 @@ class Discovery:
     again: int = 0  #: how many times the search is repeated in records without what it has found
     #: (source, chosen, search, variant) -> products by name without what a search found; None: by `records`
     rebuilt: Callable | None = None
-    #: (source, chosen, records, moved, added) -> product with the result from such records and what a model adds:
-    #: results for each direction of its errors, text of `model_result`
+    #: (source, chosen, records, *what a model adds, as of `given`) -> product with the result from such records
     result: Callable | None = None
     #: (source, chosen, with limits or not) -> report of a discovery that is made of those of others; None: of its own
     together: Callable | None = None
@@ -103,6 +102,11 @@ class Discovery:
         others = [self.without(source, chosen, records, one, f"moved_{number}", products) for number, one in moved]
         results = [solved(one) if solved else self.result(source, chosen, one) for one in others]
         return self.without(source, chosen, records, model, products=products), results  # latest/ leads to it
+
+    def given(self, name, source, chosen, recorded):
+        """Records without the effects of the given model; results for its errors, and text of `model_result`."""
+        added = model_result(chosen.model, name, recorded.digest)
+        return *self.taken_out(source, chosen, recorded, alone=bool(added)), added
 
 
 @dataclass(frozen=True)
@@ -236,7 +240,7 @@ def load_all() -> dict[str, Calibration]:
     return {name: load(name) for name in known()}
 
 
-@functools.cache
+@functools.cache  # they are read from all that is installed, once for a search path
 def _entry_points(*_places):
     return {point.name: point for point in metadata.entry_points(group=GROUP)}
 

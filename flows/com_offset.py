@@ -1,6 +1,6 @@
 """Centre-of-mass offset: from Level-1 files to a reported offset."""
 
-from flows.calibration import Calibration, Discovery, model_result, of_columns, stated
+from flows.calibration import Calibration, Discovery, of_columns, stated
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.store import results
@@ -18,15 +18,13 @@ TORQUERS_WITH_SIGMA = (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
 def calibrate(source, chosen):
     """Offset of the centre of mass from the manoeuvres of one day."""
     found, recorded = _aligned(source, chosen)
-    added = model_result(chosen.model, "com_offset", recorded.digest)
-    aligned, moved = DISCOVERY.taken_out(source, chosen, recorded, alone=bool(added))
+    aligned, *given = DISCOVERY.given("com_offset", source, chosen, recorded)
     checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
     smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
     others = [common.ingest(file, event=source.event) for file in source.files(*CALIBRATION.inputs["orbit"])[1:]]
     judged = com_offset.checks(aligned, checked, smoothed, *others, **chosen.for_stage("checks"))
-    joined = _joined(chosen, solved, moved, added)
-    products = (joined, *solved, *angular, smoothed, checked, surveyed, found, aligned, judged)
+    products = (_joined(chosen, solved, *given), *solved, *angular, smoothed, checked, surveyed, found, aligned, judged)
     known, settings = catalog.satellite(source.satellite).settings(), chosen.for_report()
     settings |= {name: known[name] for name in ("roll_response", "roll_response_sigma") if name in known}
     told = {"event": source.event, "satellite": source.satellite, "settings": settings}

@@ -52,12 +52,12 @@ def flow_of(name: str, shown: bool = False):
             fixed = {"observations": looked.observations, "names": list(products)}
             fixed |= {"records": records.kind, "settings": looked.settings(source, chosen)} | event
             without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **fixed)
-            results = [looked.result(source, chosen, one) for one in (without, records)][::-1]
+            after = looked.result(source, chosen, without)
             recorded = looked.records(source, chosen)
-            added, digest = calibrations.model_result(chosen.model, one.name, recorded.digest), recorded.digest
-            _, moved = looked.taken_out(source, chosen, recorded, alone=bool(added))
-            if moved or added:  # what the given model adds, as in a run with it
-                results.append(looked.result(source, chosen, records, moved, added))
+            _, *given = looked.given(one.name, source, chosen, recorded)
+            results = [looked.result(source, chosen, records), after]  # last: latest/ leads to it, or to that of a run
+            results += [looked.result(source, chosen, records, *given)] if any(given) else []
+            digest = recorded.digest
         elif looked.again:
             looked.baseline(source, chosen)  # last: latest/ leads to it
         values = {name: value for name, value in chosen.for_report().items() if name != "truth"}

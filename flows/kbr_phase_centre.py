@@ -4,7 +4,7 @@ from dataclasses import replace
 from datetime import timedelta
 from itertools import product
 
-from flows.calibration import EPOCH, Calibration, Discovery, model_result, of_columns, stated
+from flows.calibration import EPOCH, Calibration, Discovery, of_columns, stated
 from flows.engine import flow
 from gravcal import catalog
 from gravcal.io import archive
@@ -22,9 +22,8 @@ def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
     files = ingested(source, chosen)
     recorded = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
-    added = model_result(chosen.model, "kbr_phase_centre", recorded.digest)
-    aligned, moved = DISCOVERY.taken_out(source, chosen, recorded, alone=bool(added))
-    pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned, moved=moved, added=added)
+    aligned, *given = DISCOVERY.given("kbr_phase_centre", source, chosen, recorded)
+    pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned, OBSERVABLES, *given)
     checked = inputs_checked(source, chosen, files, aligned, pointed, equations)
     told = {"event": source.event, "settings": chosen.for_report()} | nominal_of(source)
     told["published"] = common.printed_of("kbr_phase_centre")

@@ -36,8 +36,7 @@ def rotation_tensor(rate_b, rate_dot_b):
     -----
     M = [w x]^2 + [w' x]; equations.md M1, Remote Sens. 2023, 15, 3817, eq. 13 (element 31 corrected, erratum T-1).
     """
-    euler = cross_matrix(rate_dot_b)
-    return euler + cross_matrix(rate_b) @ cross_matrix(rate_b)
+    return cross_matrix(rate_b) @ cross_matrix(rate_b) + cross_matrix(rate_dot_b)
 
 
 def proof_mass_reading(nongravitational_b, tensor_b, com_to_proof_mass_b):
