@@ -18,7 +18,7 @@ import sys
 import tempfile
 import time
 import tomllib
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
@@ -516,21 +516,20 @@ def observed_of(kind: str, data: Path):
     return importlib.import_module(one.discovery.observations).observe(products, **settings)
 
 
-def of_both(*campaigns) -> list:
+def of_both(*campaigns) -> Iterator:
     """Observations of two campaigns at the epochs that both have: an effect may move the ends of a manoeuvre."""
     seconds = [{half.label: np.rint(half.time) for half in one.view.parts} for one in campaigns]
-    found = []
     for one, others in zip(campaigns, seconds[::-1], strict=True):
-        halves = []
-        for half in (half for half in one.view.parts if half.label in others):
-            kept = np.isin(np.rint(half.time), others[half.label])
-            parts = {"place": half.stretch.place[kept], "lever": half.stretch.lever[kept]}
-            rows, stretch = np.arange(half.rows.start, half.rows.stop)[kept], dataclasses.replace(half.stretch, **parts)
-            shorter = {"time": half.time[kept], "slow": half.slow[kept], "stretch": stretch}
-            halves.append(half if kept.all() else dataclasses.replace(half, rows=rows, **shorter))
-        same = [*map(id, halves)] == [*map(id, one.view.parts)]
-        found.append(one if same else dataclasses.replace(one, view=dataclasses.replace(one.view, parts=halves)))
-    return found
+        both = [(half, np.isin(np.rint(half.time), others.get(half.label, ()))) for half in one.view.parts]
+        parts = [_shorter(half, kept) for half, kept in both if half.label in others]
+        view = one.view if all(kept.all() for _, kept in both) else dataclasses.replace(one.view, parts=parts)
+        yield dataclasses.replace(one, view=view)
+
+
+def _shorter(half, kept):
+    stretch = dataclasses.replace(half.stretch, place=half.stretch.place[kept], lever=half.stretch.lever[kept])
+    rows = np.arange(half.rows.start, half.rows.stop)[kept]
+    return dataclasses.replace(half, rows=rows, time=half.time[kept], slow=half.slow[kept], stretch=stretch)
 
 
 def rows_of(observed, like) -> list:
