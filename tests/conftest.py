@@ -14,8 +14,9 @@ from gravcal.store import keys
 single_threaded()  # before numpy, as every command does: two workers of pytest share two cores
 SEED = seeds.settle()
 SHARED = Path(__file__).parents[2] / "shared"
-#: Beginnings of the paths of tests that run much and look at no picture.
-UNSEEN = ("calib", "discovery", "flows/test_ev", "indep", "test_bad", "test_docs_", "test_me", "test_rec")
+#: Folders and files of tests that run much and look at no picture.
+UNSEEN = ("calibrations/", "discovery/", "independent/", "flows/test_every_calibration.py", "test_bad_input.py")
+UNSEEN += ("test_docs_commands.py", "test_measured.py", "test_recovery.py")
 
 
 def pytest_collection_modifyitems(items):

@@ -45,7 +45,7 @@ def test_a_paper_is_reproduced_from_an_archive(name, tmp_path, monkeypatch):
     figures = [one | {"series": "Table 8"} if "series" in one else one for one in paper["figures"]]
     narrowed = paper | {"tables": tables, "figures": figures, "simulate": paper["simulate"] | settings}
     monkeypatch.setattr(reproduce, "papers", lambda: {name: narrowed})
-    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _, to, **__: to.write(b"<svg/>"))  # of none
+    monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _, to, **__: to.write(b"<svg/>"))  # none is seen
     served, out = published_methods.served(name, tmp_path), tmp_path / "out"
     for variable, value in (("NO_PROXY", "127.0.0.1"), ("NETRC", str(tmp_path / "netrc"))):
         monkeypatch.setenv(variable, value)
