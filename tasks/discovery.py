@@ -29,13 +29,13 @@ ANY_PRODUCT = ["*"]
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=22, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=23, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
     return driver.discover(observations_of(products, observations, names, settings), _limits(limits))
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=22, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=23, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
     observed = observations_of(products, observations, names, settings)
@@ -80,7 +80,7 @@ def report(found, *combined, calibration, observations, event, satellite, settin
     return report_science.report(found, *combined, settings=settings, reported=reported, **named)
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=5, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=6, also=["{observations}"])
 def evidence(*products, calibration, observations, names, settings):  # noqa: ARG001 - it names the product
     """What an event tells of the causes of the catalogue, for a search over many; housekeeping after the products."""
     observed = observations_of(products[: len(names)], observations, names, settings)

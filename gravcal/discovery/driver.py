@@ -120,8 +120,8 @@ def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits
 
 def _choice(observed, limits):
     """Settings of the rounds in the observations."""
-    fixed = {"quiet": observed.quiet, "order": observed.noise_order, "segment_s": limits.segment_s}
-    fixed["periods"] = observed.periods
+    fixed = {"quiet": observed.quiet, "order": observed.noise_order, "spectra": observed.spectra}
+    fixed |= {"segment_s": limits.segment_s, "periods": observed.periods}
     return Choice(limits.level, limits.tie, limits.rounds, observed.step, observed.tones, **fixed)
 
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.estimation.noise import fit_noise, whiten
+from gravcal.estimation.noise import Spectrum, fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate
 
 
@@ -288,20 +288,24 @@ def drawn_noise(
     quiet: Mapping[str, float],
     rng: np.random.Generator,
     order: Mapping[str, int] | None = None,
+    spectra: Mapping[str, Sequence[Spectrum]] | None = None,
 ) -> list[np.ndarray]:
     """Noise (n, count) of every block, with the error of the noise model that it was whitened with.
 
     A model from N quiet samples is off by 1/sqrt(2 N) of its size, and each of its coefficients by 1/sqrt(N): whitened
-    noise keeps as much of its neighbours (Brockwell and Davis, Time Series, ch. 8); the amplitude in each block is off
-    as that block says. A model that was measured in the rows, a channel without quiet samples, has made them whiter
-    than noise is, and every draw goes through the same fit of so many coefficients (order).
+    noise keeps as much of its neighbours (Brockwell and Davis, Time Series, ch. 8); spectra say for each frequency how
+    far they are off; the amplitude in each block is off as that block says. A model that was measured in the rows, a
+    channel without quiet samples, has made them whiter than noise is, and every draw goes through the same fit of so
+    many coefficients (order).
     """
-    channels = sorted({c for b in problem.blocks for c in b.channel})
-    error = {c: np.sqrt(2 / quiet[c]) if quiet.get(c) else 0.0 for c in channels}
-    known = {c: (order or {}).get(c, 0) if quiet.get(c) else 0 for c in channels}
+    channels, spectra = sorted({c for b in problem.blocks for c in b.channel}), spectra or {}
+    error = {c: np.sqrt(2 / quiet[c]) if quiet.get(c) and c not in spectra else 0.0 for c in channels}
+    known = {c: (order or {}).get(c, 0) if error[c] else 0 for c in channels}
     both = [(c, a) for c in channels for a in range(3)]
     scale = {place: 1 + error[place[0]] / 2 * rng.standard_normal(count) for place in both}
     shape = {(c, a): error[c] / np.sqrt(2) * rng.standard_normal((known[c], count)) for c, a in both}
+    axes = [((c, a), one) for c in spectra for a, one in enumerate(spectra[c])]
+    off = {at: rng.multivariate_normal(one.log_density, one.covariance, count) - one.log_density for at, one in axes}
     rows = []
     for block in problem.blocks:
         noise = rng.standard_normal((block.observed.size, count), dtype=np.float32)
@@ -313,6 +317,10 @@ def drawn_noise(
             mixed = noise[here]
             for k, share in enumerate(shape[channel, axis].astype(np.float32), start=1):
                 mixed[k:] += share * noise[here][:-k]
+            if (channel, axis) in off and mixed.size:
+                wave = np.fft.rfftfreq(len(mixed), float(np.median(np.diff(block.time[here]))))
+                gain = np.exp(spectra[channel][axis].shares(wave) @ off[channel, axis].T / 2)
+                mixed = np.fft.irfft(np.fft.rfft(mixed, axis=0) * gain, len(mixed), axis=0)
             noise[here] = mixed * factor.astype(np.float32)
         rows.append(noise)
     for channel, coefficients in (order or {}).items():

@@ -19,6 +19,7 @@ from gravcal.discovery.problem import (
     prepare,
 )
 from gravcal.estimation import chi2_tail
+from gravcal.estimation.noise import Spectrum
 from gravcal.estimation.outcome import Imitator, Outlier, Separation
 from gravcal.estimation.records import Block, Candidate, Shape, epoch_of, slug_of
 
@@ -35,6 +36,7 @@ class Choice:
     segment_s: float = 15.0  #: s, stretch of time that is left out for causes of a single block
     quiet: Mapping[str, float] = field(default_factory=dict)  #: {channel: quiet samples an axis of its noise}
     order: Mapping[str, int] = field(default_factory=dict)  #: {channel: coefficients of its noise model}
+    spectra: Mapping[str, Sequence[Spectrum]] = field(default_factory=dict)  #: {channel: of its axes}, with errors
     periods: Mapping[float, int] = field(default_factory=dict)  #: {s: highest harmonic}, at which no line is offered
     excess: bool = True  #: True to name power beyond noise that nothing else takes
 
@@ -109,7 +111,7 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
 def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> tuple:
     """State of a search that has named what follows something, as `concluded` goes on from it."""
     problem, outliers = adequacy.without_outliers(prepare(blocks, candidates), choice.order)
-    noise = drawn_noise(problem, adequacy.DRAWS, choice.quiet, rng, choice.order)
+    noise = drawn_noise(problem, adequacy.DRAWS, choice.quiet, rng, choice.order, choice.spectra)
     before = adequacy.test(problem, baseline_of(problem, ()), noise)
     problem, chosen, first = _named(problem, choice)
     chosen, after = settled(problem, chosen, choice, noise, before)

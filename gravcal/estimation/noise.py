@@ -181,7 +181,8 @@ def in_bands(values: np.ndarray, step_s: float, edges_hz) -> np.ndarray:
 
 TAPERS = 3  # of waves, at frequencies so many apart: as many numbers as samples
 LEFT = 0.5  # share of a wave beside the columns from which it is used
-BEND = 3.0  # change of slope from knot to knot that is nothing unusual
+BEND, STEADY = 3.0, 2.0  # change of slope from knot to knot that is nothing unusual, where pieces or one series show it
+KNOTS, REWEIGHTED = 9, 4  # of the spectra of one series, rounds of its weights
 SCORINGS = 60
 
 
@@ -191,7 +192,7 @@ class Spectrum:
 
     knot_hz: np.ndarray  #: (k,) Hz
     log_density: np.ndarray  #: (k,) natural logarithm of the one-sided density, squared unit per Hz
-    covariance: np.ndarray  #: (k, k) of these
+    covariance: np.ndarray | None = None  #: (k, k) of these, None of a guess
 
     def density(self, frequency_hz: np.ndarray, sigmas: float = 0.0) -> np.ndarray:
         """One-sided density (m,), squared unit per Hz, at frequencies (m,) Hz; so many standard deviations above."""
@@ -225,13 +226,19 @@ def fit_spectrum(pieces: list[tuple[np.ndarray, np.ndarray]], step_s: float, kno
     knots, frequency = np.asarray(knot_hz, dtype=float), np.linspace(0, 0.5 / step_s, NODES + 1)
     rows = zip(*(_waves(*group, step_s) for group in _alike(pieces)), strict=True)
     square, response, times = (np.concatenate(one) for one in rows)
-    shares, at = log_linear(knots, frequency), np.log(knots)
-    bends = np.diff(np.diff(np.eye(knots.size), axis=0) / np.diff(at)[:, None], axis=0)
-    prior = bends.T @ bends / BEND**2 + 1e-9 * np.eye(knots.size)
-    whole = response.sum(axis=1)
+    whole, at = response.sum(axis=1), np.log(knots)
     middle, rough = np.log(response @ frequency / whole), square / times / whole
     near = [np.argsort(np.abs(middle - one))[: 5 * TAPERS] for one in at]
     value = np.log([max(np.median(rough[one]), 1e-300) for one in near])
+    return _scored(Spectrum(knots, value), frequency, (square, times, response), BEND)
+
+
+def _scored(start, frequency, seen, bend):
+    """Spectrum from exponential squares (m,), so many times each, of responses (m, f), by Fisher scoring."""
+    square, times, response = seen
+    knots, value, shares = start.knot_hz, start.log_density, start.shares(frequency)
+    bends = np.diff(np.diff(np.eye(knots.size), axis=0) / np.diff(np.log(knots))[:, None], axis=0)
+    prior = bends.T @ bends / bend**2 + 1e-9 * np.eye(knots.size)
 
     def loss(value):
         mean = response @ np.exp(shares @ value)
@@ -251,6 +258,35 @@ def fit_spectrum(pieces: list[tuple[np.ndarray, np.ndarray]], step_s: float, kno
         if gained < 1e-3:
             break
     return Spectrum(knots, value, np.linalg.inv(information))
+
+
+def spectra_beside(series: np.ndarray, columns: np.ndarray, order: int, step_s: float) -> tuple:
+    """Spectra of the axes of a series beside columns of any size, models that whiten, whitened residual (n, 3).
+
+    Series (n, 3) are even, NaN where missing; columns (n, 3, q) are fitted to all axes together.
+
+    Notes
+    -----
+    Restricted maximum likelihood: series and columns are whitened by the spectra found before, so that a loud axis
+    leaves nothing in a quiet one, and the square of a wave is compared with the share of it that the columns leave.
+    Where that is little, the error of the spectrum is large.
+    """
+    good, count = np.isfinite(series).all(axis=1), len(series)
+    knots, wave = np.geomspace(4 / (count * step_s), 0.5 / step_s, KNOTS), np.fft.rfftfreq(count, step_s)[1:]
+    nodes = (np.arange(NODES) + 0.5) / (2 * step_s * NODES)
+    plain = np.nanvar(beside([series], [columns])(series, 0), axis=0) * 2 * step_s
+    found = [Spectrum(knots, np.full(KNOTS, np.log(max(one, 1e-300)))) for one in plain]
+    for _ in range(REWEIGHTED):
+        models = [from_density(one.density(nodes), order, step_s) for one in found]
+        rows = whitened(models, np.concatenate([columns, series[:, :, None]], axis=2), good)
+        basis = orthonormal(rows[:, :-1], DEPENDENT)
+        left = (rows[:, -1] - basis @ (basis.T @ rows[:, -1])).reshape(3, count)
+        both = left, basis.reshape(3, count, -1)
+        square, taken = (np.abs(np.fft.rfft(one, axis=1)[:, 1:]) ** 2 / count for one in both)
+        times = np.maximum(good.mean() - taken.sum(axis=2), 0.0)
+        seen = [(square[a], times[a], np.diag(1 / model.density(wave))) for a, model in enumerate(models)]
+        found = [_scored(one, wave, about, STEADY) for one, about in zip(found, seen, strict=True)]
+    return found, models, left.T
 
 
 def _alike(pieces):
@@ -534,7 +570,8 @@ def _spectrum(segments, axis, parts):
 JUMPS = 24  # in a series that are no noise, at most
 SIDES = (2, 4, 8, 16)  # samples on either side of a jump that are compared
 CLEAR = 5.0  # robust standard deviations of what noise makes of that
-REACH, DECAYS, SHARED = 30, (1.0, 3.0, 9.0), 1e-4  # samples; chance of so much in common, from which it is
+#: Samples, the decays short of the slow end, where a fit leaves little; chance of so much in common, from which it is.
+REACH, DECAYS, SHARED = 30, (1.0, 3.0), 1e-4
 
 
 @dataclass(frozen=True)
@@ -552,10 +589,10 @@ class Common:
         return values
 
 
-def in_common(left: np.ndarray, order: int) -> list[Common]:
+def in_common(left: np.ndarray, models: Sequence[NoiseModel]) -> list[Common]:
     """What weaker axes of a series (n, 3) have in common with stronger ones, to be taken out one after the other.
 
-    Filters that decay over a few samples to tens of them, even and odd in time, fitted to the whitened weaker axis.
+    Filters that decay over a few samples, even and odd in time, fitted to the weaker axis, whitened by its model.
     """
     lag = np.arange(-REACH, REACH + 1.0)
     decays = [np.exp(-np.abs(lag) / decay) for decay in DECAYS]
@@ -563,9 +600,8 @@ def in_common(left: np.ndarray, order: int) -> list[Common]:
     axes, good, found = np.argsort(-np.nanvar(left, axis=0)), np.isfinite(left).all(axis=1), []
     left = np.where(good[:, None], left, 0.0)
     for weaker, other in ((a, b) for k, a in enumerate(axes) for b in axes[:k]):
-        model = fit_noise([np.where(good, left[:, weaker], np.nan)], order, 1.0)
         filtered = [correlate1d(left[:, other], one, mode="constant") for one in shapes]
-        columns, observed = (whiten(model, one, good) for one in (np.stack(filtered, axis=1), left[:, weaker]))
+        columns, observed = (whiten(models[weaker], one, good) for one in (np.stack(filtered, axis=1), left[:, weaker]))
         size = np.linalg.lstsq(columns, observed, rcond=1e-8)[0]
         if chdtrc(len(shapes), np.sum((columns @ size) ** 2)) < SHARED:
             found.append(Common(int(weaker), int(other), size @ shapes))

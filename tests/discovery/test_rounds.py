@@ -14,6 +14,7 @@ from gravcal.discovery.model_average import _held, delivered, left_open
 from gravcal.discovery.problem import baseline_of, drawn_noise, prepare
 from gravcal.discovery.rounds import Choice, merged, pruned, search
 from gravcal.errors import EstimationError
+from gravcal.estimation.noise import Spectrum
 from gravcal.estimation.outcome import outcome_of
 from gravcal.estimation.records import Block, Candidate, Observations, Shape, Wider
 from gravcal.report.discovery import WORDS, tied_table, unobservable_table
@@ -442,19 +443,20 @@ def test_what_an_extension_leaves_open_keeps_its_value_and_what_the_prior_knows_
     assert np.allclose(other, turned @ value)
 
 
-def _drawn(rng, count, draws, quiet):
+def _drawn(rng, count, draws, quiet, **spectra):
     """Draws of one block of one channel with three coefficients of its noise model."""
     time = np.tile(np.arange(float(count)), 3)
     nothing = np.zeros((time.size, 1))
     words = np.array(["linear"] * time.size), np.repeat([0, 1, 2], count)
     block = Block("one", np.ones(time.size), nothing, nothing, *words, time)
-    return drawn_noise(prepare([block], []), draws, quiet, rng, {"linear": 3})[0]
+    return drawn_noise(prepare([block], []), draws, quiet, rng, {"linear": 3}, spectra)[0]
 
 
 def test_noise_measured_in_the_rows_is_whiter_than_noise():
     """Analytic: every draw has variance one and nothing of three neighbours, but as much of the fourth as noise has.
 
-    Of a model of 400 quiet samples each of three coefficients is off by a twentieth, in draw after draw.
+    Of a model of 400 quiet samples each of three coefficients is off by a twentieth, in draw after draw; a spectrum by
+    its own error, large at the slow end.
     """
     first = _drawn(np.random.default_rng(6), 400, 200, {})[:400].astype(float)
     assert np.allclose(np.mean(first**2, axis=0), 1, atol=0.03)
@@ -465,6 +467,11 @@ def test_noise_measured_in_the_rows_is_whiter_than_noise():
     spread = [np.sqrt(np.mean(np.mean(first[k:] * first[:-k], axis=0) ** 2)) for k in (1, 2, 3, 4)]
     assert np.allclose(spread[:3], np.hypot(1 / 20, 1 / np.sqrt(4000)), rtol=0.2)
     assert np.allclose(spread[3], 1 / np.sqrt(4000), rtol=0.3)
+    known = Spectrum(np.array([0.01, 0.4]), np.zeros(2), np.diag([0.8, 1e-4]))
+    first = _drawn(np.random.default_rng(4), 4000, 300, {"linear": 400.0}, linear=[known] * 3)[:4000]
+    power = np.abs(np.fft.rfft(first, axis=0)) ** 2 / 4000
+    spread = [np.std(np.log(power[part].mean(axis=0))) for part in (slice(1, 40), slice(1601, 2000))]
+    assert np.allclose(spread, [np.sqrt(0.8 + 1 / 39), np.sqrt(1e-4 + 1 / 399)], rtol=0.15)
 
 
 def test_rounding_of_what_looks_like_the_calibration_is_no_sign_of_it():

@@ -31,6 +31,7 @@ class Channel:
     models: tuple = ()  #: noise models of the axes, none for the attitude
     common: tuple = ()  #: noise that axes have in common, taken out of the weaker ones before they are whitened
     level: noise.Levels | None = None  #: (m, 3) amplitude of these in each bin
+    spectra: tuple = ()  #: of the axes with their errors, where so much is free beside the noise that these matter
     R_bi: np.ndarray | None = None  #: (m, 3, 3) of the bins of the attitude, None for the others
     stretches: tuple = ()  #: (begin, end, (3 k, 3 k) rad Cholesky factor of the noise) of the attitude
     rows: np.ndarray | None = None  #: (n, 1 + GLOBAL) whitened: observed, columns of the global parameters
@@ -119,14 +120,18 @@ def coloured(time, series, columns, effects, bin_s, order) -> Channel:
     for axis in range(3 if effects else 0):
         found = noise.jumps(lambda places, a=axis, b=beside: np.nan_to_num(clean(_with_jumps(b, a, places))[:, a]))
         beside = _with_jumps(beside, axis, found)
-    common = tuple(noise.in_common(clean(beside), order)) if effects else ()
-    left = np.where(good[:, None], without_common(common, bins[:, :, :1], good)[:, :, 0], np.nan)
-    beside = without_common(common, beside, good)
-    models = tuple(noise.fit_detrended([left], noise.beside([left], [beside]), order, bin_s))
-    rest = clean(beside)
-    white = np.stack([noise.whiten(model, rest[:, k], good) for k, model in enumerate(models)], axis=1)
+    common, spectra = (), ()
+    if effects:
+        _, models, white = noise.spectra_beside(left, beside, order, bin_s)
+        unit = np.stack([noise.unwhiten(model, white[:, k], good) for k, model in enumerate(models)], axis=1)
+        common = tuple(noise.in_common(unit, models))
+        left = np.where(good[:, None], without_common(common, bins[:, :, :1], good)[:, :, 0], np.nan)
+        spectra, models, white = noise.spectra_beside(left, without_common(common, beside, good), order, bin_s)
+    else:
+        models = noise.fit_detrended([left], noise.beside([left], [beside]), order, bin_s)
+        white = noise.whitened(models, clean(beside), good).reshape(3, -1).T
     level = noise.changing_levels(np.where(good[:, None], white, np.nan), beside.shape[2] / 3)
-    channel = Channel(width, means(time, width), good, models, common, level)
+    channel = Channel(width, means(time, width), good, tuple(models), common, level, spectra=tuple(spectra))
     return replace(channel, rows=channel.whitened(observed))
 
 

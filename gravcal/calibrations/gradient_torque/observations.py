@@ -116,6 +116,11 @@ class GradientTorque(Observations):
         """Bins of the difference of the sensors, whose noise is measured beside all that is looked for in it."""
         return {name: float(one.good.sum()) for name, one in self.made.items() if name == "linear"}
 
+    @property
+    def spectra(self) -> dict[str, tuple]:
+        """Spectra of the noise that is measured beside all that is looked for."""
+        return {name: one.spectra for name, one in self.made.items() if one.spectra}
+
     @functools.cached_property
     def _places(self) -> list[dict[str, np.ndarray]]:
         """Numbers of the rows of each channel in each block."""
