@@ -28,7 +28,7 @@ def align(detected, *observed, **settings):
     return records.align(detected, *files.between(observed), **settings)
 
 
-@stage(reads=["inertial_sensor.align"], writes="inertial_sensor.scale", version=1)
+@stage(reads=["inertial_sensor.align"], writes="inertial_sensor.scale", version=2)
 def scale(aligned, **settings):
     """Angular and linear scale factors, tracker delay."""
     return estimating.scale(aligned, **settings)

@@ -25,7 +25,7 @@ from gravcal.discovery.problem import (
 )
 from gravcal.discovery.rounds import Choice, Result, begun, concluded
 from gravcal.discovery.scan import offered, side_by_side
-from gravcal.discovery.trials import EXCESS, SHARES
+from gravcal.discovery.trials import COST, EXCESS, SHARES
 from gravcal.errors import CatalogError
 from gravcal.estimation import chi2_tail, outcome
 from gravcal.estimation.quantities import SCHEMA, tabled
@@ -184,14 +184,18 @@ def _without_model(result, observed, findings):
 def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, seed: int) -> tuple[Result, set]:
     """Result of the rounds in the blocks of the observations, and the forms of lines.
 
-    Lines are looked for in what the rounds leave before any of it is called an excess, and what happens at an epoch
-    again near it, so that what an epoch half a spacing off leaves gets no name; both are tried beside all others in
-    rounds that begin anew, if there is any.
+    Lines are looked for in what the rounds leave before any of it is called an excess, those that gain more than what
+    was named first in what there was before, and what happens at an epoch again near it, so that what an epoch half a
+    spacing off leaves gets no name; all are tried beside all others in rounds that begin anew, if there is any.
     """
     state = begun(rows, observed.candidates, choice, random_source(seed, rows))
     result = concluded(state, replace(choice, excess=False))
     each = replace(choice, level=choice.level / max(len(observed.lines), 1))
     found = [line for one in observed.lines for line in joint_lines(result, observed, one, each)]
+    if result.findings:
+        unnamed = replace(result, after=result.before, baseline=baseline_of(result.problem, ()))
+        stronger = [joint_lines(unnamed, observed, one, each, result.first[0].score) for one in observed.lines]
+        found += [line for some in stronger for line in some if line.form not in {one.form for one in found}]
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
     if found or steps or result.after.excess_p < choice.excess_level:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
@@ -319,8 +323,8 @@ PEAKS = 4
 FINE = np.arange(-1.0, 1.01, 1 / 16)
 
 
-def joint_lines(result: Result, observed: Observations, search: LineSearch, choice: Choice) -> list[Candidate]:
-    """Lines in what a search without them has left, those that are significant by themselves."""
+def joint_lines(result: Result, observed: Observations, search: LineSearch, choice, least=0.0) -> list[Candidate]:
+    """Lines in what a search without them has left, those that are significant by themselves and gain so much."""
     groups, wave = observed.groups, observed.wave(search)
     shape = lambda hertz: side_by_side([wave(k, hertz) for k in range(len(groups))], groups)  # noqa: E731
     found = next((s for s in result.after.scans if s.kind == "line" and s.channel == search.channel), None)
@@ -328,15 +332,14 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
         return []
     joint = np.flatnonzero((found.place == search.axis) & offered(found, choice.periods))
     at, score = found.at[joint], (found.gain[:, 0] - 2 * found.dof)[joint]
-    step, peaks, kept = float(np.median(np.diff(at))), [], []
-    for k in np.argsort(-score):  # the best, apart from each other by more than a few steps
-        if len(peaks) < PEAKS and all(abs(at[k] - other) > 4 * step for other in peaks):
-            peaks.append(float(at[k]))
-    for peak in peaks:
+    step, kept, around = float(np.median(np.diff(at))), [], np.pad(score, 1, constant_values=-np.inf)
+    tops = np.flatnonzero((score > around[:-2]) & (score > around[2:]))  # a slow line has few cycles, others beside it
+    for peak in at[tops[np.argsort(-score[tops])[:PEAKS]]]:
         grid = peak + step * FINE
         gains = [_gain(result, shape(one)[0]) for one in grid]
-        chance = chi2_tail.log_tail(*max(gains)) + np.log(at.size / SHARES["line"])
-        if chance < np.log(choice.level):
+        gain, dof = max(gains)
+        chance = chi2_tail.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
+        if chance < np.log(choice.level) and gain - COST * dof > least:
             kept.append(_line(grid, np.array([g for g, _ in gains]), shape, search))
     return kept
 

@@ -468,7 +468,11 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
     form leaves, and gets none.
     """
     for _ in range(EXCESSES):
-        candidate = trials.excess_of(problem, after.excess) if after.excess_p < choice.excess_level else None
+        if after.excess_p >= choice.excess_level:
+            break
+        baseline = baseline_of(problem, [k for k, one in chosen if one.cause == trials.EXCESS])
+        jumps = trials.telegraph_of(problem, baseline, after.excess.channel)
+        candidate = jumps or trials.excess_of(problem, after.excess)
         if candidate is None:
             break
         used = [k for k, _ in chosen]
@@ -477,7 +481,7 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         ratio = attribution.beside(grown, used, index)
         about = ratio.gain, ratio.dof, ratio.log_p, after.excess_p
         trial = trials.Trial("excess", candidate.cause, candidate.form, index, *about)
-        low, high = sorted(after.excess.band)
+        low, high = (0.0, np.inf) if jumps else sorted(after.excess.band)
         lines = [one for one in chosen if one[1].kind == "line" and one[1].channel == after.excess.channel]
         lines = [one for one in lines if low <= one[1].at <= high]
         others = [one for one in chosen if one not in lines]
@@ -485,7 +489,8 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         alone = {k: attribution.beside(grown, rest, k).log_p for k in (index, *(k for k, _ in lines))}
         if min(alone, key=alone.get) != index:  # it is what a line leaves that is less likely by chance
             break
-        if (index, trial) not in without_shadows(grown, [*chosen, (index, trial)]):
+        gains = [attribution.beside(problem, [j for j in used if j != k], k).gain for k in used]
+        if ratio.gain - ratio.dof < SHADOW * max(gains, default=0.0):
             break
         kept = []
         for k, one in others:  # what is significant beside it, corrected as when it was named

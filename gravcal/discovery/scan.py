@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -237,7 +238,7 @@ class Excess:
     kind: str  #: "tile", "slow", "chirp", or "drift" of a line through all blocks
     channel: str  #: name
     axis: int  #: -1 for all
-    block: int  #: -1 for all
+    block: int  #: first of its record; -1 for all
     span: tuple[float, float]  #: (2,) s from the first row of the block
     band: tuple[float, float]  #: (2,) Hz; of a chirp or a drifting line where it begins and where it ends
     #: (d,) log of the probability of so unusual a place, corrected for how many there are, of each residual
@@ -254,8 +255,7 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
     slow end of the spectrum of all blocks has weights that fall with the square of frequency from 2^k bins on, as power
     does of what jumps at random (Papoulis, Probability, ch. 10). Residuals (n, 1 + d) are observed and drawn.
     """
-    numbers, spacing, series = _series(problem.blocks, rest, channel)
-    begins = [problem.blocks[k].time[problem.blocks[k].channel == channel].min() for k in numbers]
+    numbers, begins, spacing, series = _series(problem.blocks, rest, channel)
     found, drifts = [], partial(_drifts, np.array(begins), spacing)
     for kind, made in (("tile", _tiles), ("slow", _slow), ("chirp", _chirps), ("drift", drifts)):
         best, count = (-np.inf,), 0
@@ -280,19 +280,44 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
     return found
 
 
+def records_of(blocks: list[Block], channel: str) -> list[list[int]]:
+    """Numbers of the blocks that hold a channel, those together that are stretches of one record, one in the other."""
+    times = {k: b.time[b.channel == channel] for k, b in enumerate(blocks)}
+    groups: list[list[int]] = []
+    for k in sorted((k for k, time in times.items() if time.size), key=lambda k: times[k].min()):
+        last = times[groups[-1][0]] if groups else np.array([-np.inf])
+        if times[k].min() < (last.min() + last.max()) / 2 and not np.isin(times[k], last).any():
+            groups[-1].append(k)
+        else:
+            groups.append([k])
+    return groups
+
+
 def _series(blocks, rest, channel):
-    """Numbers of the blocks that hold a channel, spacing s of its rows, and of each axis their rows (b, n, d)."""
+    """First blocks of the records of a channel, begin s of each, spacing s, and of each axis their rows (b, n, d).
+
+    Rows are at their place in time, nothing where a record has none.
+    """
     axes = range(1 + max((int(b.axis[b.channel == channel].max(initial=0)) for b in blocks), default=0))
-    rows = {k: [np.flatnonzero((b.channel == channel) & (b.axis == a)) for a in axes] for k, b in enumerate(blocks)}
-    rows = {k: parts for k, parts in rows.items() if min(part.size for part in parts) >= SHORTEST}
-    if not rows:
-        return (), np.nan, []
-    longest = max(parts[0].size for parts in rows.values())
-    rows = {k: parts for k, parts in rows.items() if min(part.size for part in parts) > 0.9 * longest}
-    count = fft.prev_fast_len(min(part.size for parts in rows.values() for part in parts))
-    spacing = float(np.median([np.median(np.diff(blocks[k].time[parts[0]])) for k, parts in rows.items()]))
-    series = [np.stack([rest[k][parts[a][:count]] for k, parts in rows.items()]).astype("f4") for a in axes]
-    return tuple(rows), spacing, series
+    whole = lambda parts, group, axis: np.concatenate(  # noqa: E731
+        [parts[k][(blocks[k].channel == channel) & (blocks[k].axis == axis)] for k in group]
+    )
+    groups, times = {group[0]: group for group in records_of(blocks, channel)}, [block.time for block in blocks]
+    at = {k: [whole(times, group, axis) for axis in axes] for k, group in groups.items()}
+    at = {k: one for k, one in at.items() if min(time.size for time in one) >= SHORTEST}
+    if not at:
+        return (), (), np.nan, []
+    spacing = float(np.median([np.median(np.diff(np.sort(one[0]))) for one in at.values()]))
+    begins = {k: min(time.min() for time in one) for k, one in at.items()}
+    at = {k: [np.rint((time - begins[k]) / spacing).astype(int) for time in one] for k, one in at.items()}
+    size = {k: 1 + max(place.max() for place in one) for k, one in at.items()}
+    kept = [k for k in at if size[k] > 0.9 * max(size.values())]
+    length = fft.prev_fast_len(min(size[k] for k in kept))
+    series = [np.zeros((len(kept), length, rest[0].shape[1]), dtype="f4") for _ in axes]
+    for (row, k), axis in itertools.product(enumerate(kept), axes):
+        inside = at[k][axis] < length
+        series[axis][row, at[k][axis][inside]] = whole(rest, groups[k], axis)[inside]
+    return tuple(kept), [begins[k] for k in kept], spacing, series
 
 
 def _deviations(power):

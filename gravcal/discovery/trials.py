@@ -12,6 +12,7 @@ from math import comb
 from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import block_diag
 
 from gravcal.discovery import attribution, scan
 from gravcal.discovery.problem import (
@@ -26,6 +27,8 @@ from gravcal.discovery.problem import (
     weighted_rows,
 )
 from gravcal.estimation import chi2_tail
+from gravcal.estimation.least_squares import orthonormal
+from gravcal.estimation.noise import two_levels
 from gravcal.estimation.records import Candidate, Shape
 
 #: Share of the family-wise level that each kind of trial may spend; lines have theirs twice, in each block by itself
@@ -206,15 +209,18 @@ def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
 
 def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
     """Candidate of sines of any size in a tile, or on a path, in each block and axis; None of too many to fit."""
-    blocks = range(len(problem.blocks)) if found.block < 0 else [found.block]
+    records = scan.records_of(problem.blocks, found.channel)
+    records = [one for one in records if found.block < 0 or found.block in one]
+    start = lambda k: problem.blocks[k].time[problem.blocks[k].channel == found.channel].min()  # noqa: E731
+    begins = {k: min(map(start, one)) for one in records for k in one}
     axes = [found.axis] if found.axis >= 0 else [0, 1, 2]
-    places = [(k, a) for k in blocks for a in axes if np.any(_rows(problem.blocks[k], found, a))]
+    places = [(k, a) for k in sorted(begins) for a in axes if np.any(_rows(problem.blocks[k], found, a, begins[k]))]
     length, lowest, path = found.span[1] - found.span[0], found.band[0], found.kind in PATHS
     bins = lowest + np.arange(max(round((found.band[1] - lowest) * length), 1)) / length
     count = 2 * len(places) * (1 if path else bins.size)
     if count > WIDEST:
         return None
-    begins = {k: problem.blocks[k].time[problem.blocks[k].channel == found.channel].min() for k, _ in places}
+    started = begins
     first, whole = min(begins.values()), length  # of a drifting line the first block, and all of them
     if found.kind == "drift":
         begins, whole = dict.fromkeys(begins, first), length + max(begins.values()) - first
@@ -223,14 +229,14 @@ def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
         begin, change = (value[:1], np.diff(value) / (2 * whole)) if path else (bins, 0.0)
         made = [np.zeros((block.observed.size, count)) for block in problem.blocks]
         for (k, axis), part in zip(places, np.split(np.arange(count), len(places)), strict=True):
-            rows = _rows(problem.blocks[k], found, axis)
+            rows = _rows(problem.blocks[k], found, axis, started[k])
             since = (problem.blocks[k].time[rows] - begins[k] - found.span[0])[:, None]
             phase = 2 * np.pi * (begin + change * since) * since
             made[k][np.ix_(rows, part)] = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
         return made
 
     words = f"{found.channel} reading{f' {AXES[found.axis]}' if found.axis >= 0 else ''}"
-    words += f", {problem.blocks[found.block].label}" if found.block >= 0 else ""
+    words += f", {problem.blocks[found.block].label}" if found.block >= 0 and len(records[0]) == 1 else ""
     if path:
         value, near = np.array(found.band), np.array([(a, b) for a in (0, -1, 1) for b in (0, -1, 1)]) / (2 * length)
         lower, upper = np.maximum(value - 3 / length, 0.1 / length), value + 3 / length
@@ -247,11 +253,45 @@ def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
     return Candidate(EXCESS, form, names, ["1"] * count, columns(value), shape=shape)
 
 
-def _rows(block, found, axis):
-    """Rows (n,) of an axis in the stretch of an excess."""
-    here = block.channel == found.channel
-    since = block.time - block.time[here].min() if here.any() else block.time
-    return here & (block.axis == axis) & weighted_rows(block) & (since >= found.span[0]) & (since <= found.span[1])
+def telegraph_of(problem: Problem, baseline: np.ndarray, channel: str) -> Candidate | None:
+    """Candidate of jumps to and fro between two levels in a channel, None where any noise is as likely.
+
+    It is that on the axis of a record where they are likeliest by most, beside a baseline.
+    """
+    best, blocks = (0.0,), problem.blocks
+    for group, axis in itertools.product(scan.records_of(blocks, channel), range(3)):
+        about = ((k, blocks[k], (blocks[k].channel == channel) & (blocks[k].axis == axis)) for k in group)
+        rows = {k: np.flatnonzero(here & weighted_rows(block)) for k, block, here in about}
+        time = np.concatenate([blocks[k].time[at] for k, at in rows.items()])
+        if time.size >= scan.SHORTEST:
+            order = np.argsort(time)
+            whole = np.concatenate([problem.columns[k].of(np.append(0, baseline))[at] for k, at in rows.items()])
+            local = block_diag(*(problem.bases[k][at] for k, at in rows.items()))
+            slow = orthonormal(np.concatenate([whole[:, 1:], local], axis=1)[order], 1e-6)
+            _, (state,), gain = two_levels([whole[order, 0]], [slow])
+            if gain > best[0]:
+                best = gain, axis, rows, time[order], state[np.argsort(order)], np.count_nonzero(np.diff(state > 0))
+    if len(best) == 1:
+        return None
+    _, axis, rows, time, state, jumps = best
+    columns = [np.zeros((block.observed.size, 1)) if k in rows else None for k, block in enumerate(blocks)]
+    for (k, at), part in zip(
+        rows.items(), np.split(state, np.cumsum([at.size for at in rows.values()])[:-1]), strict=True
+    ):
+        columns[k][at, 0] = part
+    span = time[[0, -1]] - time[0]
+    known = {
+        "covariance": np.zeros((2, 2)),
+        "words": f"{channel} reading {AXES[axis]}, {jumps} jumps between two levels",
+    }
+    shape = Shape(("from", "to"), ("s", "s"), span, lambda _: columns, span[None], span, span, **known)
+    return Candidate(EXCESS, known["words"], ["size"], ["1"], columns, shape=shape)
+
+
+def _rows(block, found, axis, begin):
+    """Rows (n,) of an axis in the stretch of an excess, of a record that begins at a time s."""
+    here, since = (block.channel == found.channel) & (block.axis == axis), block.time - begin
+    return here & weighted_rows(block) & (since >= found.span[0]) & (since <= found.span[1])
 
 
 def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: float) -> tuple[float, str]:

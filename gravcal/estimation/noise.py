@@ -555,6 +555,117 @@ def without_lines(segments: list[np.ndarray], step_s: float) -> tuple[list[np.nd
     return cleaned, found
 
 
+def without_slow_lines(segments: list[np.ndarray], order: int, step_s: float) -> list[np.ndarray]:
+    """Segments without slow sines, of any phase and size in each, that noise of an order does not explain.
+
+    Segments (n_i, axes) are even, NaN where missing, less a cubic each. Such a line is slower than `LOWEST_HZ`, where
+    a segment has no background to set it against: with it the noise that is left has to be as likely as chance allows.
+    """
+    cleaned, longest = [s.copy() for s in segments], max((len(s) for s in segments), default=0) * step_s
+    grid = np.arange(0.5 / longest, LOWEST_HZ, 0.125 / longest) if longest else ()
+    count = [np.isfinite(segment).sum(axis=0) for segment in cleaned]
+    for axis in range(segments[0].shape[1] if len(grid) else 0):
+        size = sum(one[axis] for one in count)
+        here = [segment[:, axis] for segment in cleaned]
+        spread = fit_noise(here, order, step_s).variance[-1]
+        for _ in range(LINE_LIMIT):
+            tried = [[_without_sine(one, frequency * step_s) for one in here] for frequency in grid]
+            spreads = [fit_noise(one, order, step_s).variance[-1] for one in tried]
+            best = int(np.argmin(spreads))
+            gain = size * np.log(spread / spreads[best])
+            if chdtrc(2 * len(here), gain) * len(grid) > LINE_LEVEL:
+                break
+            here, spread = tried[best], spreads[best]
+        for segment, values in zip(cleaned, here, strict=True):
+            segment[:, axis] = values
+    return cleaned
+
+
+def _without_sine(values, turns):
+    """Values (n,) less a sine of so many turns a sample, fitted beside a cubic that they do not hold."""
+    good = np.isfinite(values)
+    phase, u = 2 * np.pi * turns * np.arange(values.size), np.linspace(-1, 1, values.size)
+    columns = np.column_stack([np.cos(phase), np.sin(phase), np.polynomial.legendre.legvander(u, 3)])
+    left = values.copy()
+    left[good] -= columns[good] @ np.linalg.lstsq(columns[good], values[good], rcond=None)[0]
+    return left
+
+
+FLIPS = 12  # coefficients of the noise that jumps between two levels have to be likelier than
+CLIMBS = 40  # steps of the fit of their levels
+
+
+def without_telegraph(segments: list[np.ndarray], slow: list[np.ndarray]) -> list[np.ndarray]:
+    """Segments without what jumps at random between two levels, where that is likelier than any noise.
+
+    Segments (n_i, axes) are even, NaN where missing, less slow columns (n_i, q) of each.
+    """
+    cleaned = [segment.copy() for segment in segments]
+    for axis in range(segments[0].shape[1] if segments else 0):
+        levels_, _, gain = two_levels([segment[:, axis] for segment in segments], slow)
+        for segment, level in zip(cleaned, levels_, strict=True):
+            segment[:, axis] -= level if gain > 0 else 0.0
+    return cleaned
+
+
+def two_levels(series: list[np.ndarray], slow: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray], float]:
+    """Levels (n_i,) between which even series (n_i,) jump at random, beside slow columns (n_i, q), and the states.
+
+    With them comes by how much they are likelier than any noise, beyond chance. Missing values are NaN.
+
+    Notes
+    -----
+    A telegraph signal has the spectrum of noise, not its distribution: two levels with white noise are set against
+    autoregressive noise by Schwarz's criterion. The hidden states, 1 or -1, are their mean over all paths, by Baum and
+    Welch (Rabiner, Proc. IEEE 77, 1989) with the flips of both ways alike.
+    """
+    parts = [(y, c, np.isfinite(y)) for y, c in zip(series, slow, strict=True)]
+    rest = [y - c @ np.linalg.lstsq(c[g], y[g], rcond=None)[0] for y, c, g in parts]
+    count, whole = sum(g.sum() for _, _, g in parts), np.concatenate(series)
+    models = (fit_noise(rest, k, 1.0).variance for k in range(FLIPS + 1))
+    least = min(count * (np.log(2 * np.pi * one[-1]) + 1) + (one.size - 1) * np.log(count) for one in models)
+    mean, best = [y - r for (y, *_), r in zip(parts, rest, strict=True)], -np.inf
+    size, variance, flip = 0.8 * np.nanstd(np.concatenate(rest)), np.nanvar(np.concatenate(rest)) / 4, 0.05
+    for _ in range(CLIMBS):
+        fields = [size * (y - m) / variance for y, m in zip(series, mean, strict=True)]
+        states, sums, flips = zip(
+            *(_states(np.clip(np.nan_to_num(one), -300, 300), flip) for one in fields), strict=True
+        )
+        square = np.nanmean((whole - np.concatenate(mean)) ** 2)
+        likelihood = sum(sums) - count / 2 * ((square + size**2) / variance + np.log(2 * np.pi * variance))
+        if likelihood < best + 1e-3:
+            break
+        best = likelihood
+        solved = ((c, (y - size * s)[g], g) for (y, c, g), s in zip(parts, states, strict=True))
+        mean = [c @ np.linalg.lstsq(c[g], left, rcond=None)[0] for c, left, g in solved]
+        state, left = np.concatenate(states), whole - np.concatenate(mean)
+        size = abs(np.nansum(state * left)) / count
+        variance = np.nansum(left**2 - 2 * size * state * left + size**2) / count
+        flip = np.clip(sum(flips) / count, 1e-3, 0.5)
+    gain = 2 * best - 3 * np.log(count) + least + 2 * np.log(LINE_LEVEL)
+    return [m + size * s for m, s in zip(mean, states, strict=True)], list(states), float(gain)
+
+
+def _states(field, flip):
+    """Expected states (n,), 1 or -1, in a field (n,), log of the sum over all their paths, expected number of flips."""
+    up, down = np.exp(field).tolist(), np.exp(-field).tolist()
+    ahead, log_sum, share = [], 0.0, 0.5
+    for one, other in zip(up, down, strict=True):
+        total = share * one + (1 - share) * other
+        log_sum, share = log_sum + np.log(total), share * one / total
+        ahead.append(share)
+        share += flip * (1 - 2 * share)
+    states, flips, one, other = np.empty(field.size), 0.0, 1.0, 1.0
+    for k in range(field.size - 1, -1, -1):
+        states[k] = (ahead[k] * one - (1 - ahead[k]) * other) / (ahead[k] * one + (1 - ahead[k]) * other)
+        one, other, share = up[k] * one, down[k] * other, ahead[k - 1]
+        turned, kept = flip * (share * other + (1 - share) * one), (1 - flip) * (share * one + (1 - share) * other)
+        flips += turned / (turned + kept) if k else 0.0
+        one, other = one + flip * (other - one), other + flip * (one - other)
+        one, other = one / (one + other), other / (one + other)
+    return states, log_sum, flips
+
+
 def _spectrum(segments, axis, parts):
     """Mean power of the segments less a parabola, under a Hann window, at multiples of the sampling over ``parts``."""
     total = np.zeros(parts // 2 + 1)

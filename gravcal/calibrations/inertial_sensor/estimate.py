@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
+from scipy.special import chdtrc
 
 from gravcal.calibrations.causes import on_axes
 from gravcal.calibrations.inertial_sensor import align, model
@@ -14,7 +15,7 @@ from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation import estimate as estimating
-from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation.noise import NoiseModel, fit_noise, fit_spectrum, whiten
 from gravcal.estimation.resampling import bin_means
 from gravcal.physics import frames, gravity, sensing
 
@@ -24,6 +25,9 @@ ARMS_X = (8.00e-3, 10.45e-3)  # m, erratum T-5: Table 1 prints the first, every 
 CAUSES = ("beta", "mass", "inertia", "arm")  # of the errors of k_x and k_z
 FILTER = crn.Crn(window_s=30.0, bandwidth_hz=0.1, convolutions=5)  # of the published method
 CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor is that of the ground
+#: Lowest frequency at which the noise of the tracker shows beside the motion, knots of its spectrum, probability below
+#: which that is not flat.
+MOTION_HZ, KNOTS, FLAT = 0.015, 4, 1e-3
 ROUNDS = 4  # of a fit that converges in three
 #: What a factor scales, angular accelerations and linear readings by axis: beta_x acts on w'_x and k_z together,
 #: beta_y on w'_y, w'_z and k_x (erratum T-11); the ratios are J/(M l).
@@ -151,6 +155,9 @@ def swing_of(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: 
     calm = (time_att < start - quiet_margin_s) | (time_att > stop + quiet_margin_s)
     turn, step_att = frames.attitude_error(quaternion[1:], quaternion[:-1]), np.diff(time_att)
     turn[~((np.abs(step_att - np.median(step_att)) < 1e-3) & calm[1:] & calm[:-1])] = np.nan
+    angle = np.nancumsum(turn, axis=0) + 0 * turn
+    tracker = [bin_means(time_att[1:], angle, one) for one in quiet_edges(aligned, bin_s, quiet_margin_s)]
+    variance_att = align.scatter_of_third_differences(angle)
     return model.Swing(
         time=time[part],
         angular_volt=readout[part],
@@ -160,22 +167,54 @@ def swing_of(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: 
         position_i=aligned.position_i.values[part],
         inertia=inertia,
         voltage_variance=variance,
-        tracker_variance=align.scatter_of_third_differences(np.nancumsum(turn, axis=0) + 0 * turn),
+        tracker_variance=variance_att,
+        tracker_noise=_coloured(tracker, variance_att, edges.size - 1, bin_s),
     )
+
+
+def _coloured(bins, variance, count, step_s):
+    """Covariance (3, count) of bins of the tracker so far apart, over that of its samples if their noise is white.
+
+    One and zeros where their spectrum is flat, as far as is known. Bins are means (n, 3) and numbers (n,) of samples.
+    A polynomial stands for the motion, below the lowest knot of the spectrum; a bin that is not full has another epoch.
+    """
+    found, samples = np.eye(1, count)[np.zeros(3, dtype=int)], max(np.max(number) for _, number in bins)
+    whole = [np.where((number == samples)[:, None], values, np.nan) for values, number in bins if len(number) > 100]
+    whole = [one for one in whole if np.isfinite(one).all(axis=1).mean() > 0.9]
+    knots = np.geomspace(MOTION_HZ, 0.5 / step_s, KNOTS)
+    for axis in range(3 if whole else 0):
+        parts = [(values[:, axis], len(values), int(2 * len(values) * step_s * MOTION_HZ)) for values in whole]
+        rows = [(one, np.polynomial.legendre.legvander(np.linspace(-1, 1, n), degree)) for one, n, degree in parts]
+        spectrum = fit_spectrum(rows, step_s, knots)
+        away = spectrum.log_density - spectrum.log_density.mean()
+        if not chdtrc(KNOTS - 1, away @ np.linalg.solve(spectrum.covariance, away)) > FLAT:
+            density = spectrum.density(np.fft.rfftfreq(8 * count, step_s))
+            found[axis] = np.fft.irfft(density)[:count] / (2 * step_s) * samples / variance[axis]
+    return found
+
+
+def quiet_edges(aligned: xr.Dataset, bin_s: float, margin_s: float) -> list[np.ndarray]:
+    """Edges s of the bins before and after the swing, of each where there are more than twenty."""
+    ends = aligned.time.values[[0, -1]]
+    spans = ((ends[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, ends[1]))
+    return [a + bin_s * np.arange(np.floor((b - a) / bin_s) + 1) for a, b in spans if b - a > 20 * bin_s]
 
 
 def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, bin_s: float, margin_s: float) -> list[np.ndarray]:
     """Bin means before and after the swing of values (n, m) less a cubic of each, NaN where samples are missing."""
-    time, cubic = aligned.time.values, np.polynomial.legendre.legvander
     values = np.where((aligned.flag.values == 2).any(axis=1, keepdims=True), np.nan, values)
-    spans = ((time[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, time[-1]))
-    edges = [a + bin_s * np.arange(np.floor((b - a) / bin_s) + 1) for a, b in spans if b - a > 20 * bin_s]
-    blocks = [bin_means(time, values, one)[0] for one in edges]
+    edges = quiet_edges(aligned, bin_s, margin_s)
+    blocks = [bin_means(aligned.time.values, values, one)[0] for one in edges]
     for block in blocks:
         good = np.isfinite(block).all(axis=1)
-        block[good] = least_squares.without(cubic(np.linspace(-1, 1, good.size), 3)[good], block[good])
+        block[good] = least_squares.without(cubic(len(block))[good], block[good])
         block[~good] = np.nan
     return blocks
+
+
+def cubic(count: int) -> np.ndarray:
+    """Columns (count, 4) of the slow part of quiet data."""
+    return np.polynomial.legendre.legvander(np.linspace(-1, 1, count), 3)
 
 
 def _motion(prepared, fitted):

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from scipy.interpolate import make_interp_spline
-from scipy.linalg import cho_solve, solve_triangular
+from scipy.linalg import cho_solve, solve_triangular, toeplitz
 
 from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
@@ -38,6 +38,7 @@ class Swing:
     inertia: np.ndarray  # (3,) kg m2 of the test mass
     voltage_variance: np.ndarray  # (3,) V2 of an angular readout averaged over a bin
     tracker_variance: np.ndarray  # (3,) rad2 of one tracker sample
+    tracker_noise: np.ndarray  # (3, b) covariance of bins so far apart over that of white noise
 
     @property
     def middle(self) -> np.ndarray:
@@ -184,7 +185,11 @@ def linear_system(
     residual, design = residual.reshape(-1)[valid], columns.reshape(valid.size, -1)[valid]
     beta = unknowns.factors[OWNER]
     maps = maps[:, valid]
-    covariance = np.diag(np.tile(swing.tracker_variance, count.size)[valid] / np.repeat(count, 3)[valid])
+    covariance = np.zeros((count.size, 3, count.size, 3))
+    sigma = np.sqrt(swing.tracker_variance / np.maximum(count, 1)[:, None])
+    for axis in range(3):
+        covariance[:, axis, :, axis] = toeplitz(swing.tracker_noise[axis]) * np.outer(sigma[:, axis], sigma[:, axis])
+    covariance = covariance.reshape(valid.size, valid.size)[np.ix_(valid, valid)]
     for axis in range(3):
         covariance += beta[axis] ** 2 * swing.voltage_variance[axis] * (maps[axis] @ maps[axis].T)
     lower = np.linalg.cholesky(covariance)

@@ -10,15 +10,23 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from scipy.linalg import solve_triangular
+from scipy.linalg import block_diag, solve_triangular
 
 from gravcal.calibrations.causes import on_axes
 from gravcal.calibrations.inertial_sensor import model as fits
-from gravcal.calibrations.inertial_sensor.estimate import Record, noise_models, quiet_blocks, record_of, swing_of
+from gravcal.calibrations.inertial_sensor.estimate import (
+    Record,
+    cubic,
+    noise_models,
+    quiet_blocks,
+    quiet_edges,
+    record_of,
+    swing_of,
+)
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.estimation import noise
-from gravcal.estimation.noise import without_lines
+from gravcal.estimation.noise import without_lines, without_slow_lines, without_telegraph
 from gravcal.estimation.records import Block
 from gravcal.estimation.resampling import bin_means
 from gravcal.physics import frames, kinematics, sensing
@@ -42,7 +50,11 @@ class SwingView:
     record: Record  # of the linear readings
     k: np.ndarray  # (3,) m s-2 V-1
     tensor: np.ndarray  # (b, 3, 3) s-2, of the offset
-    good: np.ndarray  # (b,) bins of the linear readings
+    time: np.ndarray  # (w,) s, bins of the linear readings with the quiet data, a bin without data between them
+    volt: np.ndarray  # (w, 3) V
+    trend: np.ndarray  # (w, t) of each of the three
+    inside: slice  # bins of the swing
+    good: np.ndarray  # (w,) those that there are
     start: np.ndarray  # (7,) rad s-2 V-1, s, m, m s-2 V-1: the solution, k_y of the ground
     k_y_sigma: float  # m s-2 V-1, of the ground
     quiet: float  # samples an axis that the noise was measured from
@@ -56,7 +68,7 @@ class SwingView:
             middle = self.swing.middle
             time, axis = (one[self.system.valid] for one in (np.repeat(middle, 3), np.tile([0, 1, 2], middle.size)))
         else:
-            time, axis = np.tile(self.record.time, 3), np.repeat([0, 1, 2], self.record.time.size)
+            time, axis = np.tile(self.time, 3), np.repeat([0, 1, 2], self.time.size)
         number = np.floor((time - time.min()) / STRETCH_S).astype(int) % 2
         return time, axis, [np.flatnonzero(number == k) for k in (0, 1)]
 
@@ -76,22 +88,33 @@ class SwingView:
         return self.attitude_rows(fits.interpolated(swing.time, angle, epoch))
 
     def linear_rows(self, reading: np.ndarray) -> np.ndarray:
-        """Whitened rows (3 b, q), axis by axis, of what is added to the linear readings, (b, 3, q) m s-2."""
-        volts = reading / self.k[:, None]
-        return noise.whitened(self.record.noise, volts, self.good)
+        """Whitened rows (3 w, q), axis by axis, of what is added to the linear readings of the swing, or to all.
+
+        That is (b, 3, q) or (w, 3, q) m s-2.
+        """
+        if len(reading) < self.time.size:
+            reading = self.spread(reading)
+        return noise.whitened(self.record.noise, reading / self.k[:, None], self.good)
+
+    def spread(self, values: np.ndarray) -> np.ndarray:
+        """Values (b, ...) in the swing as those of all bins (w, ...), zero in the quiet data."""
+        whole = np.zeros((self.time.size, *values.shape[1:]))
+        whole[self.inside] = values
+        return whole
 
     def blocks(self, parameters: Sequence[str]) -> list[Block]:
         """Both channels, even and odd stretches; global columns: all parameters, start values, drifts."""
         record, system, tensor = self.record, self.system, np.nan_to_num(self.tensor)
         attitude = np.column_stack([system.residual, system.design])
-        drift = on_axes(record.trend)
-        left = self.k * np.nan_to_num(record.linear_volt) - np.matvec(tensor, self.start[3:6])
+        drift, moved = on_axes(self.trend), np.matvec(tensor, self.start[3:6])
+        left = self.k * np.nan_to_num(self.volt) - self.spread(moved)
         # a_x tells p_z, then a_y the factor of a_y; those of a_z and a_x, and the turning, follow beta
         factors = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]) / np.append(self.start[:2], self.k[1])
-        term = -np.matvec(tensor, self.start[3:6])[:, :, None] * factors
+        term = -moved[:, :, None] * factors
         turning = np.nan_to_num(record.rate_dot_b)[:, :, None] * np.eye(2)[fits.OWNER] / self.start[:2]
         term[:, :, :2] += np.cross(turning, self.start[3:6, None], axisa=1, axisb=0, axisc=1)
-        linear = np.concatenate([left[:, :, None], term[:, :, :2], tensor, term[:, :, 2:], drift], axis=2)
+        swung = self.spread(np.concatenate([term[:, :, :2], tensor, term[:, :, 2:]], axis=2))
+        linear = np.concatenate([left[:, :, None], swung, drift], axis=2)
         both = {
             "attitude": solve_triangular(system.lower, attitude, lower=True),
             "linear": self.linear_rows(np.where(self.good[:, None, None], linear, 0.0)),
@@ -142,8 +165,9 @@ class SwingView:
         is without its mean, beside which less than a ten thousandth of its columns would be left; voltages keep it.
         """
         record, swing, place = self.record, self.swing, self.start[3:6] if place is None else place
-        slow = (self.k * record.linear_volt - np.matvec(np.nan_to_num(self.tensor), place))[self.good]
-        size = np.linalg.lstsq(record.trend[self.good], slow, rcond=None)[0]
+        good = self.good[self.inside]
+        slow = (self.k * record.linear_volt - np.matvec(np.nan_to_num(self.tensor), place))[good]
+        size = np.linalg.lstsq(record.trend[good], slow, rcond=None)[0]
         gradient = fits.interpolated(record.time, np.nan_to_num(record.gradient_b), swing.time)
         trend = fits.interpolated(record.time, record.trend @ size, swing.time)
         known = {"rate_b": self.motion.rate_b, "rate_dot_b": self.rate_dot_b, "gradient_b": gradient}
@@ -173,8 +197,7 @@ class SwingView:
 
     def wave(self, axis: int, frequency: float) -> list[np.ndarray | None]:
         """Whitened cosine and sine (n, 2) of every block, on one axis of the linear readings."""
-        time = self.record.time
-        both = waves_of(time - time[0], time[1] - time[0], frequency)
+        both = waves_of(self.time - self.time[0], self.record.time[1] - self.record.time[0], frequency)
         return self.cut(linear=self.linear_rows(both[:, None, :] * np.eye(3)[axis][:, None]))
 
     def reading(self, channel: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -185,10 +208,10 @@ class SwingView:
         """
         if channel == "attitude":
             return self._turning(rows)
-        parts = rows.reshape(3, self.record.time.size, -1)
+        parts = rows.reshape(3, self.time.size, -1)
         columns = [self.k[a] * noise.unwhiten(self.record.noise[a], parts[a], self.good) for a in range(3)]
-        model = np.matvec(np.nan_to_num(self.tensor), self.start[3:6])
-        return self.record.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)
+        model = self.spread(np.matvec(np.nan_to_num(self.tensor), self.start[3:6]))
+        return self.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)
 
     def _turning(self, rows):
         (time, axis, _), record, valid = self.rows_of("attitude"), self.record, self.system.valid
@@ -218,11 +241,22 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
     noise_b = fitted.unknowns.factors[fits.OWNER] * np.sqrt(swing.voltage_variance)
     rate_dot = np.where(rate_dot.std(axis=0) < STILL * noise_b, rate_dot.mean(axis=0), rate_dot)
     readout = electrodes.readouts(aligned["volts"].values)[:, :3]
-    pieces, _ = without_lines(quiet_blocks(aligned, readout, bin_s, margin), bin_s)  # a tone is no noise
+    quiet, edges = quiet_blocks(aligned, readout, bin_s, margin), quiet_edges(aligned, bin_s, margin)
+    pieces = without_telegraph(quiet, [cubic(len(one)) for one in quiet])  # nor is a tone noise
+    pieces, _ = without_lines(without_slow_lines(pieces, order, bin_s), bin_s)
     record = replace(record, rate_dot_b=rate_dot, noise=noise_models(pieces, order, bin_s))
     tensor = sensing.offset_tensor(record.rate_b, rate_dot, record.gradient_b)
     place = np.nan_to_num(products["offset"]["offset"].values[0])
     k = scaled["k"].values[int(scaled["chosen_arm"])]
+    parts = [((e[1:] + e[:-1]) / 2, q, cubic(len(q))) for e, q in zip(edges, quiet, strict=True)]
+    parts = sorted([*parts, (record.time, record.linear_volt, record.trend)], key=lambda one: one[0][0])
+    for n in range(len(parts) - 1, 0, -1):
+        parts.insert(n, ((parts[n - 1][0][-1:] + parts[n][0][:1]) / 2, np.full((1, 3), np.nan), np.zeros((1, 0))))
+    time, volt, trends = zip(*parts, strict=True)
+    time, volt = np.concatenate(time), np.concatenate(volt)
+    inside = slice(first := int(np.searchsorted(time, record.time[0])), first + record.time.size)
+    good = np.isfinite(volt).all(axis=1)
+    good[inside] &= np.isfinite(tensor).all(axis=(1, 2))
     return SwingView(
         aligned,
         swing,
@@ -232,7 +266,11 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
         record,
         k=k,
         tensor=tensor,
-        good=np.isfinite(record.linear_volt).all(axis=1) & np.isfinite(tensor).all(axis=(1, 2)),
+        time=time,
+        volt=volt,
+        trend=block_diag(*trends),
+        inside=inside,
+        good=good,
         start=np.concatenate([fitted.unknowns.factors, [fitted.unknowns.delay], place, k[1:2]]),
         k_y_sigma=float(scaled["k_sigma"].values[0, 1]),
         quiet=float(sum(len(b) for b in pieces)),

@@ -36,7 +36,7 @@ def of_swing(view: SwingView) -> list[Candidate]:
     about, candidates = view.context(), []
     for entry in EFFECTS:
         candidates += listed(entry, view.cut(**_of_effect(view, entry, about))).each_alone()
-    time = view.record.time
+    time = view.time
     candidates += steps(view, np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S))
     series = list(_series(view, about))
     for driver, form, values in series:
@@ -78,7 +78,7 @@ def _of_angular(view, added):
 
 def steps(view: SwingView, epochs: np.ndarray) -> list[Candidate]:
     """A step of the linear readings at each of some epochs s."""
-    time, width = view.record.time, view.record.time[1] - view.record.time[0]
+    time, width = view.time, view.record.time[1] - view.record.time[0]
     after = np.clip((time + width / 2 - epochs[:, None]) / width, 0, 1)[:, :, None, None] * np.eye(3)
     return [step(t, view.cut(linear=view.linear_rows(one))) for t, one in zip(epochs, after, strict=True)]
 
@@ -149,12 +149,12 @@ def _place_without(view, model):
     """
     place = view.start[3:6]
     columns = np.concatenate([np.nan_to_num(view.tensor), on_axes(view.record.trend)], axis=2)
-    seen = np.repeat([True, False, True], view.record.time.size)  # the factor of a_y is not known
+    seen = np.repeat([True, False, True], view.time.size)  # the factor of a_y is not known
     for _ in range(FIXED_POINT):
         about = view.context(place=place)
         added = np.zeros_like(about.linear_b) + sum(_added(view, entry, "linear", about) for entry in model)
         left = view.k * np.nan_to_num(view.record.linear_volt) - view.binned(added)
-        both = np.where(view.good[:, None, None], np.concatenate([left[:, :, None], columns], axis=2), 0.0)
+        both = np.where(view.good[view.inside, None, None], np.concatenate([left[:, :, None], columns], axis=2), 0.0)
         rows = view.linear_rows(both)[seen]
         place = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0][:3]
     return place
