@@ -157,13 +157,13 @@ def fingerprint(body, also=()):
             _trees.update(location.recall("modules") or {})
         known, scope = len(_trees), (*SCOPE, _top(body.__module__))
         part, wanted, endings = _body_part(body, scope)
-        parts, waiting = {name[0]: part} | _data_parts(body.__module__, wanted, endings), [*wanted, *also]
+        parts, waiting = {name[0]: part} | _data_parts(body.__module__, (*wanted,), (*endings,)), [*wanted, *also]
         while waiting:
             target = waiting.pop()
             module = _module_of(target) if _top(target) in scope else None
             if module is not None and module not in parts:
                 parts[module], imported, endings = _module(module)
-                parts |= _data_parts(module, imported, endings)
+                parts |= _data_parts(module, (*imported,), (*endings,))
                 waiting += imported
         parts = dict(sorted(parts.items()))
         if len(_trees) > known:
@@ -171,10 +171,10 @@ def fingerprint(body, also=()):
         paths = [Path(inspect.getsourcefile(body))]
         for top, _, rest in (part.partition("/") for part in parts if ":" not in part):
             paths.append(top_folder(top) / rest if rest else _path(top))
-        _bodies[name] = parts, paths
-    parts, paths = _bodies[name]
-    for path in paths:
-        if _status(path) != _files[path]:
+        _bodies[name] = parts, [(path, _files[path]) for path in paths]
+    parts, looked_at = _bodies[name]
+    for path, status in looked_at:
+        if _status(path) != status:
             message = "the code, or data that it reads, changed while this process was running"
             raise ProductError(f"{path}: {message}, and not what made a product. Start gravcal again.", path=str(path))
     return parts
@@ -196,7 +196,7 @@ def forget():
     """Look at the files again, as a new process would; what is known of modules by their content stays."""
     for known in (_files, _bodies):
         known.clear()
-    for cached in (_module, _tree, _path, top_folder, _data_below, _data_file):
+    for cached in (_module, _module_of, _tree, _path, top_folder, _data_parts, _data_below, _data_file):
         cached.cache_clear()
 
 
@@ -212,8 +212,7 @@ def _body_part(body, scope):
         local[body.__name__] = min(nodes, key=lambda node: abs(node.lineno - line))
     texts, targets, endings, waiting = {}, set(), set(), [body.__name__]
     while waiting:
-        name = waiting.pop()
-        if name in texts:
+        if (name := waiting.pop()) in texts:
             continue
         node = local[name]
         if isinstance(node, ast.FunctionDef):  # version and kinds of a stage are in the label already
@@ -237,6 +236,7 @@ def _body_part(body, scope):
     return hashlib.sha256(content.encode()).hexdigest()[:32], sorted(targets), endings
 
 
+@functools.cache
 def _data_parts(module, imported, endings):
     """Digests of the data files whose names end like the texts of a module, and of those that they name."""
     folders = {_top(module): _path(module).parent}
@@ -271,8 +271,7 @@ def _data_file(path):
 @functools.cache
 def _module(name):
     """Digest, imports and ends of file names of a module, remembered by the content of its file."""
-    path = _path(name)
-    source = _source(path)
+    source = _source(path := _path(name))
     label = f"{name}-{sys.version_info[1]}-{hashlib.sha256(source).hexdigest()[:40]}"
     if label not in _trees:
         tree = ast.parse(source)
@@ -289,7 +288,7 @@ def _source(path):
 
 def _status(path):
     try:
-        return path.stat().st_size, path.stat().st_mtime_ns
+        return (found := path.stat()).st_size, found.st_mtime_ns
     except FileNotFoundError:
         return None
 
@@ -302,6 +301,7 @@ def _tree(path):
 _parsed = functools.cache(ast.parse)  # by content
 
 
+@functools.cache
 def _module_of(target):
     """Module that holds a target: for "a.b:c" a.b.c if that is one, otherwise a.b; None if there is no such file."""
     module, _, name = target.partition(":")

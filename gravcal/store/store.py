@@ -228,7 +228,7 @@ def believed(folder):
     return _believed(image, folder.name)
 
 
-@functools.lru_cache(maxsize=64)  # found, then asked how it was made
+@functools.lru_cache(maxsize=512)  # of 10 kB each: found, then asked how it was made
 def _believed(image, key):
     """Record of the bytes of a file and None, or None and why not."""
     head, seal, tail = image.rpartition(SEAL)

@@ -43,9 +43,7 @@ SMALL = {
     "thrusters": {"duration_s": "10800", "quiet_s": "900"},
     "routine": {"quiet_s": "300"},
 }
-SMALL = {
-    name: how for name, how in SMALL.items() if name in known()
-}  # as installed: entry points are read at the setup
+SMALL = {name: how for name, how in SMALL.items() if name in known()}  # as installed
 
 ROOT = Path(gravcal.__file__).parent.parent
 EARTH = Path(astropy_iers_data.__file__).parent
@@ -384,7 +382,9 @@ def checker():
     from compliance_checker.cf import util
     from compliance_checker.suite import CheckSuite
 
-    util.get_geophysical_variables = functools.lru_cache(1)(util.get_geophysical_variables)  # asked for at every check
+    for name in filter(re.compile("get_.*_variables?").fullmatch, [*vars(util)]):  # of a file, asked for at every check
+        setattr(util, name, functools.lru_cache(1)(getattr(util, name)))
+    util.StandardNameTable = functools.cache(util.StandardNameTable)
     CheckSuite.load_all_available_checkers()
     return CheckSuite()
 
@@ -392,9 +392,8 @@ def checker():
 def complaints(path):
     """What the checker finds in one file, but for the recommended order of dimensions."""
     suite = checker()
-    results = suite.run_all(suite.load_dataset(str(path)), ["cf:1.11"])
     found = []
-    for groups, errors in results.values():
+    for groups, errors in suite.run_all(suite.load_dataset(str(path)), ["cf:1.11"]).values():
         found += [f"{name}: {problem[0]!r}" for name, problem in errors.items()]
         found += [f"{group.name}: {'; '.join(group.msgs)}" for group in groups if group.value[0] < group.value[1]]
     return [text for text in found if not text.startswith(ORDER)]
