@@ -114,9 +114,9 @@ class Columns:
             total[part.index] += np.einsum("nk,nk->k", part.values, part.values)
         return total
 
-    def products(self) -> np.ndarray:
+    def products(self, total: np.ndarray | None = None) -> np.ndarray:
         """Products (m, m) with each other, own columns projected out; zero for what lies along own columns."""
-        total = -(self.inside.T @ self.inside)
+        total = np.negative(self.inside.T @ self.inside, out=total)
         for one, other in itertools.product(self.parts, repeat=2):
             if one.rows == other.rows:
                 total[np.ix_(one.index, other.index)] += one.values.T @ other.values
@@ -196,13 +196,13 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
     widths = [1, width, *(len(c.names) for c in candidates)]
     ends = np.cumsum(widths)[1:]
     places = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
-    columns, samples = [], []
+    columns, samples, gram = [], [], np.empty((len(blocks), ends[-1], ends[-1]))
     for index, block in enumerate(blocks):
         pieces = [block.observed[:, None], block.global_columns, *(c.columns[index] for c in candidates)]
         columns.append(columns_of(block.channel, basis_of(block.local_columns), pieces, widths))
         used = np.any(np.column_stack([block.observed, block.local_columns]) != 0, axis=1)
         samples.append(float(used.sum() - columns[-1].basis.shape[1]))
-    gram = np.stack([one.products() for one in columns])
+        columns[-1].products(gram[index])
     size = _size(gram, [one.squares for one in columns])
     return Problem(blocks, list(candidates), columns, gram, places, size, np.array(samples))
 

@@ -379,11 +379,11 @@ def with_restricted(
             basis = _basis_beside(white(L, baseline), white(L, tried))
             beside = np.linalg.qr(basis, mode="complete")[0][:, basis.shape[1] :]
             back = solve_triangular(L, beside, lower=True, trans="T", check_finite=False)
-            apart, y = np.abs(one.place[:, None] - one.place), back.T @ observed
-            PKP = np.stack([back.T @ K @ back for K in (*kinds, *(row[apart] for row in lags_))])
-            score += (np.einsum("i,kij,j->k", y, PKP, y) - np.trace(PKP, axis1=1, axis2=2)) / 2
-            flat = PKP.reshape(len(PKP), -1)
-            information += flat @ flat.T / 2
+            apart, P = np.abs(one.place[:, None] - one.place), back @ back.T
+            K, Py = np.stack([*kinds, *(row[apart] for row in lags_)]), P @ observed
+            PK = P @ K
+            score += (K @ Py @ Py - np.trace(PK, axis1=1, axis2=2)) / 2
+            information += PK.reshape(len(PK), -1) @ PK.swapaxes(1, 2).reshape(len(PK), -1).T / 2
         whole = information + held
         size = np.sqrt(np.diag(whole))
         scaled = np.linalg.cholesky(whole / np.outer(size, size) + 1e-9 * np.eye(size.size))
