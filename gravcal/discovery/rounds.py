@@ -470,8 +470,9 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
     for _ in range(EXCESSES):
         if after.excess_p >= choice.excess_level:
             break
-        baseline = baseline_of(problem, [k for k, one in chosen if one.cause == trials.EXCESS])
-        jumps = trials.telegraph_of(problem, baseline, after.excess.channel)
+        known = [(k, one.form) for k, one in chosen if one.cause == trials.EXCESS]
+        baseline, jumped = baseline_of(problem, [k for k, _ in known]), any("jumps" in form for _, form in known)
+        jumps = None if jumped else trials.telegraph_of(problem, baseline, after.excess.channel)
         candidate = jumps or trials.excess_of(problem, after.excess)
         if candidate is None:
             break

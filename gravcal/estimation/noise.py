@@ -543,14 +543,8 @@ def without_lines(segments: list[np.ndarray], step_s: float) -> tuple[list[np.nd
                 break
             first = FINE * (lowest + best - 1)
             frequency = float(first + np.argmax(fine[first : first + 2 * FINE + 1])) / (FINE * parts * step_s)
-            # best sine and cosine beside a parabola
             for segment in cleaned:
-                index = np.flatnonzero(np.isfinite(segment[:, axis]))
-                phase = 2 * np.pi * frequency * index * step_s
-                u = 2 * (index - index[0]) / max(index[-1] - index[0], 1) - 1
-                columns = np.stack([np.cos(phase), np.sin(phase), np.ones(u.size), u, u**2], axis=1)
-                value = np.linalg.lstsq(columns, segment[index, axis], rcond=None)[0]
-                segment[index, axis] -= columns[:, :2] @ value[:2]
+                segment[:, axis] -= _sine(segment[:, axis], frequency * step_s, 2)[0]
             found.append((axis, frequency))
     return cleaned, found
 
@@ -569,7 +563,7 @@ def without_slow_lines(segments: list[np.ndarray], order: int, step_s: float) ->
         here = [segment[:, axis] for segment in cleaned]
         spread = fit_noise(here, order, step_s).variance[-1]
         for _ in range(LINE_LIMIT):
-            tried = [[_without_sine(one, frequency * step_s) for one in here] for frequency in grid]
+            tried = [[one - _sine(one, frequency * step_s, 3)[1] for one in here] for frequency in grid]
             spreads = [fit_noise(one, order, step_s).variance[-1] for one in tried]
             best = int(np.argmin(spreads))
             gain = size * np.log(spread / spreads[best])
@@ -581,14 +575,13 @@ def without_slow_lines(segments: list[np.ndarray], order: int, step_s: float) ->
     return cleaned
 
 
-def _without_sine(values, turns):
-    """Values (n,) less a sine of so many turns a sample, fitted beside a cubic that they do not hold."""
-    good = np.isfinite(values)
-    phase, u = 2 * np.pi * turns * np.arange(values.size), np.linspace(-1, 1, values.size)
-    columns = np.column_stack([np.cos(phase), np.sin(phase), np.polynomial.legendre.legvander(u, 3)])
-    left = values.copy()
-    left[good] -= columns[good] @ np.linalg.lstsq(columns[good], values[good], rcond=None)[0]
-    return left
+def _sine(values, turns, degree):
+    """Best sine (n,) of so many turns a sample beside a polynomial in values (n,), then both together."""
+    good, phase = np.isfinite(values), 2 * np.pi * turns * np.arange(values.size)
+    slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, values.size), degree)
+    columns = np.column_stack([np.cos(phase), np.sin(phase), slow])
+    value = np.linalg.lstsq(columns[good], values[good], rcond=None)[0]
+    return columns[:, :2] @ value[:2], columns @ value
 
 
 FLIPS = 12  # coefficients of the noise that jumps between two levels have to be likelier than

@@ -27,6 +27,8 @@ from gravcal.estimation.noise import (
     unwhiten,
     whiten,
     without_lines,
+    without_slow_lines,
+    without_telegraph,
 )
 
 AR = np.array([1.2, -0.8, 0.3])  # x_t = sum_j AR_j x_(t-j) + e_t, stable
@@ -301,6 +303,21 @@ def test_what_a_fit_takes_is_put_back_and_what_may_be_there_is_no_noise():
     for axis, model in enumerate(fit_detrended(segments, lambda segment, _: segment, 6, 1.0)):
         plain = fit_noise([s[:, axis] for s in segments], 6, 1.0)
         assert_allclose(model.density(frequency), plain.density(frequency), rtol=1e-6)
+
+
+def test_a_slow_line_and_jumps_between_two_levels_are_no_noise_and_red_noise_is_neither():
+    """Recovery: a wave of 300 samples in pieces of 400, and levels that last 17; white noise beside them is left."""
+    rng, count = np.random.default_rng(3), np.arange(400)[:, None]
+    slow = [np.polynomial.legendre.legvander(np.linspace(-1, 1, 400), 3)] * 2
+    white, flips = rng.standard_normal((2, 400, 1)), np.where(rng.random((2, 400, 1)) < 0.06, -1, 1)
+    density = 4 / (1 + (np.arange(1024) / 80) ** 2) + 1
+    red = [draw(from_density(density, 2, 1.0), 400, rng)[:, None] for _ in range(2)]
+    waves = [one + 3 * np.sin(2 * np.pi * (count - first) / 300) for one, first in zip(white, (100, 350), strict=True)]
+    for made, loud, jumps in ((white, 0, 0), (red, 0, 0), (waves, 1, 0), (white + 2 * np.cumprod(flips, axis=1), 0, 1)):
+        pieces = [without(c, one) for c, one in zip(slow, made, strict=True)]
+        for left, expected in ((without_slow_lines(pieces, 3, 1.0), loud), (without_telegraph(pieces, slow), jumps)):
+            assert (np.var(left) < 0.7 * np.var(pieces)) == expected
+            assert not expected or np.var(left) == pytest.approx(1.0, abs=0.15)
 
 
 @pytest.mark.parametrize("rate", [0.0, 2.0])

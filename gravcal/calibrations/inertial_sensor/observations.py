@@ -184,15 +184,20 @@ class InertialSensor(records.Observations):
         return self._over_all(responses.steps(self.swing, at))
 
     def wave(self, search: records.LineSearch) -> Callable[[int, float], np.ndarray]:
-        """Function (block, Hz) -> whitened cosine and sine (n, 2) on an axis; those of the last frequency are kept."""
+        """Function (block, Hz) -> whitened cosine and sine (n, 2) on an axis; those of the last frequency are kept.
+
+        What a roll shows, a swing has as well.
+        """
         rolled = search.channel == observed_roll.CHANNEL
-        view, before = (self.roll, self.swung) if rolled else (self.swing, 0)
-        columns = functools.lru_cache(1)(lambda frequency: view.wave(search.axis, frequency))
+        views = [*([self.swing] if self.swing else []), *([self.roll] if rolled else [])]
+
+        @functools.lru_cache(1)
+        def columns(frequency):
+            return [one for view in views for one in view.wave(search.axis, frequency)]
 
         def rows(block, frequency):
-            if search.channel in self.blocks[block].channel:
-                return columns(frequency)[block - before]
-            return np.zeros((self.blocks[block].observed.size, 2))
+            made = columns(frequency)[block] if block < len(columns(frequency)) else None
+            return np.zeros((self.blocks[block].observed.size, 2)) if made is None else made
 
         return rows
 
