@@ -210,7 +210,8 @@ class SwingView:
             return self._turning(rows)
         parts = rows.reshape(3, self.time.size, -1)
         columns = [self.k[a] * noise.unwhiten(self.record.noise[a], parts[a], self.good) for a in range(3)]
-        model = self.spread(np.matvec(np.nan_to_num(self.tensor), self.start[3:6]))
+        at = np.clip(self.time, *self.record.time[[0, -1]])  # in quiet data as at its ends
+        model = fits.interpolated(self.record.time, np.matvec(np.nan_to_num(self.tensor), self.start[3:6]), at)
         return self.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)
 
     def _turning(self, rows):
