@@ -275,17 +275,13 @@ def telegraph_of(problem: Problem, baseline: np.ndarray, channel: str) -> Candid
         return None
     _, axis, rows, time, state, jumps = best
     columns = [np.zeros((block.observed.size, 1)) if k in rows else None for k, block in enumerate(blocks)]
-    for (k, at), part in zip(
-        rows.items(), np.split(state, np.cumsum([at.size for at in rows.values()])[:-1]), strict=True
-    ):
+    ends = np.cumsum([at.size for at in rows.values()])[:-1]
+    for (k, at), part in zip(rows.items(), np.split(state, ends), strict=True):
         columns[k][at, 0] = part
-    span = time[[0, -1]] - time[0]
-    known = {
-        "covariance": np.zeros((2, 2)),
-        "words": f"{channel} reading {AXES[axis]}, {jumps} jumps between two levels",
-    }
-    shape = Shape(("from", "to"), ("s", "s"), span, lambda _: columns, span[None], span, span, **known)
-    return Candidate(EXCESS, known["words"], ["size"], ["1"], columns, shape=shape)
+    span, form = time[[0, -1]] - time[0], f"{channel} reading {AXES[axis]}, {jumps} jumps between two levels"
+    fixed = span[None], span, span
+    shape = Shape(("from", "to"), ("s", "s"), span, lambda _: columns, *fixed, words=form, covariance=np.zeros((2, 2)))
+    return Candidate(EXCESS, form, ["size"], ["1"], columns, shape=shape)
 
 
 def _rows(block, found, axis, begin):

@@ -233,9 +233,9 @@ def fit_spectrum(pieces: list[tuple[np.ndarray, np.ndarray]], step_s: float, kno
     return _scored(Spectrum(knots, value), frequency, (square, times, response), BEND)
 
 
-def _scored(start, frequency, seen, bend):
+def _scored(start, frequency, waves, bend):
     """Spectrum from exponential squares (m,), so many times each, of responses (m, f), by Fisher scoring."""
-    square, times, response = seen
+    square, times, response = waves
     knots, value, shares = start.knot_hz, start.log_density, start.shares(frequency)
     bends = np.diff(np.diff(np.eye(knots.size), axis=0) / np.diff(np.log(knots))[:, None], axis=0)
     prior = bends.T @ bends / bend**2 + 1e-9 * np.eye(knots.size)
@@ -284,8 +284,9 @@ def spectra_beside(series: np.ndarray, columns: np.ndarray, order: int, step_s: 
         both = left, basis.reshape(3, count, -1)
         square, taken = (np.abs(np.fft.rfft(one, axis=1)[:, 1:]) ** 2 / count for one in both)
         times = np.maximum(good.mean() - taken.sum(axis=2), 0.0)
-        seen = [(square[a], times[a], np.diag(1 / model.density(wave))) for a, model in enumerate(models)]
-        found = [_scored(one, wave, about, STEADY) for one, about in zip(found, seen, strict=True)]
+        response = [np.diag(1 / model.density(wave)) for model in models]
+        axes = zip(found, zip(square, times, response, strict=True), strict=True)
+        found = [_scored(one, wave, waves, STEADY) for one, waves in axes]
     return found, models, left.T
 
 
@@ -595,8 +596,8 @@ def without_telegraph(segments: list[np.ndarray], slow: list[np.ndarray]) -> lis
     """
     cleaned = [segment.copy() for segment in segments]
     for axis in range(segments[0].shape[1] if segments else 0):
-        levels_, _, gain = two_levels([segment[:, axis] for segment in segments], slow)
-        for segment, level in zip(cleaned, levels_, strict=True):
+        fitted, _, gain = two_levels([segment[:, axis] for segment in segments], slow)
+        for segment, level in zip(cleaned, fitted, strict=True):
             segment[:, axis] -= level if gain > 0 else 0.0
     return cleaned
 
@@ -614,16 +615,17 @@ def two_levels(series: list[np.ndarray], slow: list[np.ndarray]) -> tuple[list[n
     """
     parts = [(y, c, np.isfinite(y)) for y, c in zip(series, slow, strict=True)]
     rest = [y - c @ np.linalg.lstsq(c[g], y[g], rcond=None)[0] for y, c, g in parts]
-    count, whole = sum(g.sum() for _, _, g in parts), np.concatenate(series)
+    count, whole = sum(int(g.sum()) for _, _, g in parts), np.concatenate(rest)
+    if count < 10 * FLIPS or not np.nanstd(whole) > 0:
+        return [0 * y for y in series], [0 * y for y in series], -np.inf
     models = (fit_noise(rest, k, 1.0).variance for k in range(FLIPS + 1))
     least = min(count * (np.log(2 * np.pi * one[-1]) + 1) + (one.size - 1) * np.log(count) for one in models)
-    mean, best = [y - r for (y, *_), r in zip(parts, rest, strict=True)], -np.inf
-    size, variance, flip = 0.8 * np.nanstd(np.concatenate(rest)), np.nanvar(np.concatenate(rest)) / 4, 0.05
+    size, variance, flip, best = 0.8 * np.nanstd(whole), np.nanvar(whole) / 4, 0.05, -np.inf
+    mean, whole = [y - r for (y, *_), r in zip(parts, rest, strict=True)], np.concatenate(series)
     for _ in range(CLIMBS):
         fields = [size * (y - m) / variance for y, m in zip(series, mean, strict=True)]
-        states, sums, flips = zip(
-            *(_states(np.clip(np.nan_to_num(one), -300, 300), flip) for one in fields), strict=True
-        )
+        expected = [_states(np.clip(np.nan_to_num(one), -300, 300), flip) for one in fields]
+        states, sums, flips = zip(*expected, strict=True)
         square = np.nanmean((whole - np.concatenate(mean)) ** 2)
         likelihood = sum(sums) - count / 2 * ((square + size**2) / variance + np.log(2 * np.pi * variance))
         if likelihood < best + 1e-3:
