@@ -81,8 +81,29 @@ def result(document, ref, json_path, truth=None):
         say(f"Simulated event {document['event']}: offset from proof mass to centre of mass, in micrometres")
     else:
         say(f"{document['event']}: {document['status']}{'' if name == 'operational' else f' (experiment {name})'}")
-    _offsets(document, (truth or {}).get("offset_um"))
-    _verdict(document)
+    known, variants = (truth or {}).get("offset_um"), document.get("variants") or {}
+    rows = []
+    for variant, one in variants.items():
+        pairs = list(zip(one["offset_um"], one["sigma_um"], strict=True))
+        cells = ["undetermined" if v is None else f"{v:.2f} +- {s:.2f}" for v, s in pairs]
+        errors = ["" if v is None else f"{(v - t) / s:+.2f}" for (v, s), t in zip(pairs, known or (), strict=False)]
+        rows.append([variant, *cells, *errors])
+    if known:
+        rows.append(["truth", *[f"{value:.2f}" for value in known], "", "", ""])
+    if rows:
+        errors = [f"error/sigma {axis}" for axis in AXES] if known else []
+        table(["variant", *[f"{axis} +- sigma (um)" for axis in AXES], *errors], rows)
+    adopted = (document.get("adopted") or {}).get("variant")
+    total = variants.get(adopted, {}).get("sigma_total_um") or []
+    if total and None not in total:
+        parts = ", ".join(f"{axis} {sigma:.1f}" for axis, sigma in zip(AXES, total, strict=True))
+        say(f"sigma: noise as measured; with inertia and dipole per current of the catalogue {parts} um ({adopted})")
+    if document.get("method", "gravcal") != "gravcal":
+        say(f"method: {document['method']}, for comparison only")
+    verdict = document.get("verdict")
+    text = verdict.get("text") if isinstance(verdict, dict) else verdict
+    if text:
+        say(text)
     link = location.links(ref.event, name) / ref.stage
     folder = link if link.resolve() == ref.folder.resolve() else ref.folder
     for path in sorted(folder.iterdir()):
@@ -97,23 +118,18 @@ def plan(steps, json_path, every=False):
     if every:
         rows = [[s["event"], s["stage"], s["action"], took(s["seconds"]), "; ".join(s["reasons"])] for s in steps]
         table(["event", "stage", "action", "about", "why"], rows)
-    elif rows := _by_stage(step for step in steps if step["action"] != "reuse"):
-        table(["stage", "events", "products", "action", "about", "why"], rows)
-    say(_total(steps, every))
-
-
-def _by_stage(steps):
-    groups = {}
-    for step in steps:
+    groups, rows = {}, []
+    for step in (one for one in steps if one["action"] != "reuse" and not every):
         groups.setdefault((".".join(step["stage"].split(".")[:2]), step["action"]), []).append(step)
-    rows = []
     for (stage, action), own in groups.items():
         times = [step["seconds"] for step in own if step["seconds"] is not None]
         why = list(dict.fromkeys(_after(reason) for step in own for reason in step["reasons"]))
         more = f"; and {len(why) - REASONS} more" if len(why) > REASONS else ""
         said = took(sum(times) if times else None), "; ".join(why[:REASONS]) + more
         rows.append([stage, len({step["event"] for step in own}), len(own), action, *said])
-    return rows
+    if rows:
+        table(["stage", "events", "products", "action", "about", "why"], rows)
+    say(_total(steps, every))
 
 
 def _total(steps, every):
@@ -208,20 +224,14 @@ def joint(found, json_path):
     both = joint_report.shared(documents) if len(documents) > 1 else []
     if not delivered(documents[0] | ({"others": documents[1:], "shared": both} if documents[1:] else {}), json_path):
         return
-    for one in found:
-        _joint(*one)
+    for document, files, notes in found:
+        say(f"{document['event']}: {document['verdict']['text']}")
+        for event, reason in document["provenance"]["settings"]["left_out"].items():
+            note(f"{event} left out: {reason}")
+        for text in [*(f"changed: {one}" for one in notes), *map(str, files)]:
+            say(text)
     for text in both:
         say(text)
-
-
-def _joint(document, files, notes):
-    say(f"{document['event']}: {document['verdict']['text']}")
-    for event, reason in document["provenance"]["settings"]["left_out"].items():
-        note(f"{event} left out: {reason}")
-    for text in notes:
-        say(f"changed: {text}")
-    for path in files:
-        say(str(path))
 
 
 def design(document, out, json_path):
@@ -316,38 +326,6 @@ def unexpected(problem):
         hint = "Set GRAVCAL_DEBUG=1 to see the trace."
     first = (str(problem).splitlines() or [""])[0]
     sys.stderr.write(f"error: {type(problem).__name__}: {first}\n       {hint}\n")
-
-
-def _offsets(document, truth):
-    """Rows of estimate, sigma and, if known, truth for each variant of an offset."""
-    rows = []
-    for name, variant in (document.get("variants") or {}).items():
-        value, sigma = variant["offset_um"], variant["sigma_um"]
-        pairs = list(zip(value, sigma, strict=True))
-        cells = ["undetermined" if v is None else f"{v:.2f} +- {s:.2f}" for v, s in pairs]
-        errors = ["" if v is None else f"{(v - t) / s:+.2f}" for (v, s), t in zip(pairs, truth or (), strict=False)]
-        rows.append([name, *cells, *errors])
-    if truth:
-        rows.append(["truth", *[f"{value:.2f}" for value in truth], "", "", ""])
-    if rows:
-        errors = [f"error/sigma {axis}" for axis in AXES] if truth else []
-        table(["variant", *[f"{axis} +- sigma (um)" for axis in AXES], *errors], rows)
-
-
-def _verdict(document):
-    """What the errors hold, the verdict, and a warning where the processing is the published one."""
-    name = (document.get("adopted") or {}).get("variant")
-    block = (document.get("variants") or {}).get(name, {})
-    total = block.get("sigma_total_um") or []
-    if total and None not in total:
-        parts = ", ".join(f"{axis} {sigma:.1f}" for axis, sigma in zip(AXES, total, strict=True))
-        say(f"sigma: noise as measured; with inertia and dipole per current of the catalogue {parts} um ({name})")
-    if document.get("method", "gravcal") != "gravcal":
-        say(f"method: {document['method']}, for comparison only")
-    verdict = document.get("verdict")
-    text = verdict.get("text") if isinstance(verdict, dict) else verdict
-    if text:
-        say(text)
 
 
 @contextlib.contextmanager
