@@ -80,9 +80,8 @@ def _earlier(request, rows):
         for one, why in (pair for pair in others if pair[0].ref.event == row["event"]):
             document = store_index.document(one)
             if _delivered(document):
-                pair = (row["event"], document, row["document"], why)
-                compared = comparison.comparison(calibration, ("that", "this"), [pair], {})
-                found.append((one, comparison.moved(compared["events"][0]), why))
+                compared = comparison.of_event(calibration, row["event"], document, row["document"], why)
+                found.append((one, comparison.moved(compared), why))
     return found
 
 

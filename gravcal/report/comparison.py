@@ -21,21 +21,6 @@ ASSUMPTION = (
 CLOSE = 0.01  # relative difference of two variances that says nothing: they are known no better
 
 
-def comparison(calibration, names, pairs, alone):
-    """Document of a comparison of two configurations, by their names.
-
-    Pairs are (event, document of the first, of the second, why they differ), alone {name: events only in this one}.
-    """
-    return {
-        "schema_version": VERSION,
-        "calibration": calibration.name,
-        "configurations": list(names),
-        "assumption": ASSUMPTION,
-        "events": [_event(calibration, *one) for one in pairs],
-        "only_in": alone,
-    }
-
-
 def between(calibration, names, wanted=lambda _: True):
     """Document of a comparison of the reports that the store has of two configurations, of the events wanted."""
     is_plain, sides = not configurations.operational(calibration.name)["settings"], []
@@ -49,12 +34,18 @@ def between(calibration, names, wanted=lambda _: True):
     read = lambda one: json.loads(path(one).read_text())  # noqa: E731
     why = lambda one, two: history.apart(one.ref.key, two.ref.key)  # noqa: E731
     pairs = [(e, read(own[e]), read(other[e]), why(own[e], other[e])) for e in sorted(own.keys() & other.keys())]
-    alone = {names[0]: sorted(own.keys() - other.keys()), names[1]: sorted(other.keys() - own.keys())}
-    return comparison(calibration, names, pairs, alone)
+    return {
+        "schema_version": VERSION,
+        "calibration": calibration.name,
+        "configurations": list(names),
+        "assumption": ASSUMPTION,
+        "events": [of_event(calibration, *one) for one in pairs],
+        "only_in": {names[0]: sorted(own.keys() - other.keys()), names[1]: sorted(other.keys() - own.keys())},
+    }
 
 
-def _event(calibration, event, first, second, why=()):
-    """What changes in one event."""
+def of_event(calibration, event, first, second, why=()):
+    """What changes in one event between two result documents, and why."""
     own, other = ({one.label: one for one in calibration.result(document)} for document in (first, second))
     labels = [name for name in dict.fromkeys([*own, *other]) if name in own and name in other]
     return {

@@ -9,6 +9,8 @@ from flows.calibration import load
 from gravcal.report import comparison
 from gravcal.store.results import Value
 
+HEAD = {"calibration": "com_offset", "configurations": ("a", "b"), "only_in": {"a": [], "b": ["e"]}}
+
 
 def document(calibration="com_offset", **more):
     """Result document with what a comparison reads."""
@@ -44,10 +46,7 @@ def test_changed_settings_verdicts_statuses_and_checks_are_named():
     second = first | adopted([1.5, 2.0, 7.0], [0.3, 0.5, 1.0]) | {"status": "questionable"}
     second |= {"settings": {"noise_order": 25, "configuration": "b"}, "verdict": {"text": "b", "met": False}}
     second["checks"] = [checks[0] | {"passed": False}]
-    found = comparison.comparison(
-        load("com_offset"), ("a", "b"), [("grace-c-2020-02-01", first, second)], {"a": [], "b": ["e"]}
-    )
-    (event,) = found["events"]
+    event = comparison.of_event(load("com_offset"), "grace-c-2020-02-01", first, second)
     assert event["settings"] == {"noise_order": [20, 25]}
     assert event["verdict"] == {"met": [True, False]}
     assert event["checks"] == {"manoeuvres agree": [True, False]}
@@ -55,7 +54,7 @@ def test_changed_settings_verdicts_statuses_and_checks_are_named():
     x, _, z = event["values"]
     assert (x["difference"], x["sigma"], x["in_sigma"]) == (0.5, pytest.approx(0.4), pytest.approx(1.25))
     assert (z["difference"], z["in_sigma"]) == (None, None)
-    assert "+1.25" in comparison.page(found)
+    assert "+1.25" in comparison.page(HEAD | {"events": [event]})
 
 
 def model(*values, sigma=1e-12, more=()):
@@ -78,8 +77,8 @@ def model(*values, sigma=1e-12, more=()):
 )
 def test_models_and_long_settings_show_where_they_differ(first, second, said):
     """Contract: as many digits as it takes, errors, days, several of one cause; never the same text on both sides."""
-    pairs = [("e", document(settings={"model": first}), document(settings={"model": second}), ())]
-    rows = comparison.tables(comparison.comparison(load("com_offset"), ("a", "b"), pairs, {}))[0][1]
+    pair = (document(settings={"model": one}) for one in (first, second))
+    rows = comparison.tables(HEAD | {"events": [comparison.of_event(load("com_offset"), "e", *pair)]})[0][1]
     assert len(rows) == len(said)
     assert all(name == "model" and a != b for name, a, b in rows)
     for before, after in said:
