@@ -5,7 +5,6 @@ from torques: drag at the centre of pressure, slow disturbances and a controller
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
 
 import numpy as np
 from scipy.signal import cont2discrete, lfilter
@@ -25,18 +24,6 @@ BEYOND = np.linalg.solve(np.vander(np.arange(6.0)).T, np.vander(np.arange(6.0, 9
 PASSES = 5  # torque and motion in turn; gravity gradient and coupling are a tenth of the control: 1e-5 of the torque
 
 
-@dataclass(frozen=True)
-class Motion:
-    """What the satellite does."""
-
-    time: np.ndarray  #: (n,) s
-    state_i: np.ndarray  #: (n, 6)
-    quaternion: np.ndarray  #: (n, 4)
-    rate_b: np.ndarray  #: (n, 3) rad s-1
-    rate_dot_b: np.ndarray  #: (n, 3) rad s-2
-    gradient_b: np.ndarray  #: (n, 3, 3)
-
-
 def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=None, nongravitational=None):
     """Columns of an SGRS file and their truth, whose series are arrays; arguments as of `gravcal.simulation`.
 
@@ -47,24 +34,26 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
     drag = nongravitational(time) if nongravitational else _invented_drag(time, chosen, rng)
     body = _body(satellite, chosen, rng)
     effects = within(effects or {}, KNOWN)
-    motion = _motion(time, chosen, body, effects, _true_field(field, chosen, rng), drag, rng)
-    linear, angular = _readings(motion, body, drag, effects)
-    noise = _noise(satellite, chosen, linear.shape, rng)
-    turned = added(effects, "pointing_b", Context(time))
-    tracker = frames.from_rotation_vector(noise["angle"] + turned)
+    motion, state_i, quaternion = _motion(time, chosen, body, effects, _true_field(field, chosen, rng), drag, rng)
+    linear, angular = _readings(motion, state_i, quaternion, body, drag, effects)
+    band = chosen.sensor_noise * np.sqrt(1 / (2 * chosen.step_s))  # of white noise of the catalogue's densities
+    spread = [np.array(satellite[f"{name}_noise_density"]) * band for name in ("linear", "angular")]
+    noise = [size * rng.standard_normal(linear.shape) for size in spread]
+    angle = np.array(satellite["attitude_noise"]) * chosen.tracker_noise * rng.standard_normal((time.size, 3))
+    tracker = frames.from_rotation_vector(angle + added(effects, "pointing_b", Context(time)))
     columns = {
         "time": time,
-        "linear": linear + noise["linear"],
-        "angular": angular + noise["angular"],
-        "q": frames.continuous(frames.quaternion_product(motion.quaternion, tracker)),
-        "position": motion.state_i[:, :3],
-        "velocity": motion.state_i[:, 3:],
+        "linear": linear + noise[0],
+        "angular": angular + noise[1],
+        "q": frames.continuous(frames.quaternion_product(quaternion, tracker)),
+        "position": state_i[:, :3],
+        "velocity": state_i[:, 3:],
         "sensor_position": body["stated_position"],
     }
     truth = {
         "seed": seed,
         "day": float(motion.time[0]),
-        "height_m": float(np.mean(np.linalg.norm(motion.state_i[:, :3], axis=1)) - EARTH_RADIUS),
+        "height_m": float(np.mean(np.linalg.norm(state_i[:, :3], axis=1)) - EARTH_RADIUS),
         "sensor_position_m": body["position"].tolist(),
         "centre_of_pressure_m": body["pressure"].tolist(),
         "elongation": chosen.elongation,
@@ -73,7 +62,7 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
         "rate": motion.rate_b,
         "rate_dot": motion.rate_dot_b,
         "gradient": motion.gradient_b,
-        "clean": columns | {"linear": linear, "angular": angular, "q": motion.quaternion},
+        "clean": columns | {"linear": linear, "angular": angular, "q": quaternion},
     }
     return columns, truth
 
@@ -136,7 +125,7 @@ def _true_field(field, chosen, rng):
 
 
 def _motion(time, chosen, body, effects, field, drag, rng):
-    """Orbit, attitude and gravity gradient at the epochs."""
+    """Rates and gravity gradient at the epochs as a Context, orbit (n, 6), attitude (n, 4)."""
     beyond = chosen.step_s * np.arange(1, 4)
     padded = np.concatenate([time[0] - beyond[::-1], time, time[-1] + beyond])
     state = flight.drawn(chosen, chosen.eccentricity, padded[0], padded[-1], rng)(padded)
@@ -171,10 +160,13 @@ def _motion(time, chosen, body, effects, field, drag, rng):
         push = np.matvec(np.linalg.inv(J), external - coupling)
         settled = np.concatenate([np.repeat(push[:1], int(AHEAD / chosen.step_s), axis=0), push])
         angle = lfilter(np.squeeze(top), bottom, settled, axis=0)[-len(push) :]
-    return Motion(time, state[inner], quaternion[inner], rate, rate_dot, gradient_b)
+    motion = Context(
+        time, rate_b=rate, rate_dot_b=rate_dot, gradient_b=gradient_b, extra={"positions": body["position"]}
+    )
+    return motion, state[inner], quaternion[inner]
 
 
-def _readings(motion, body, drag, effects):
+def _readings(motion, state_i, quaternion, body, drag, effects):
     """Relative acceleration and angular acceleration of each test mass, without noise."""
     tensor = sensing.offset_tensor(motion.rate_b, motion.rate_dot_b, motion.gradient_b)
     linear = np.stack([-sensing.proof_mass_reading(drag, tensor, p) for p in body["position"]], axis=1)
@@ -182,22 +174,9 @@ def _readings(motion, body, drag, effects):
     torque = dynamics.gravity_gradient_torque(J, motion.gradient_b)
     free = dynamics.rate_derivative(J, motion.rate_b, torque)
     angular = np.repeat((free - motion.rate_dot_b)[:, None, :], len(body["position"]), axis=1)
-    known = {"rate_b": motion.rate_b, "rate_dot_b": motion.rate_dot_b, "gradient_b": motion.gradient_b}
-    context = Context(motion.time, extra={"positions": body["position"]}, **known)
     if "gradient.tesseral" in effects:
         R_ei = earth.R_ei(motion.time)
-        R_be = frames.R_bi_from_quaternion(motion.quaternion) @ np.swapaxes(R_ei, -1, -2)
-        context.extra["tesseral_b"] = tesseral(np.matvec(R_ei, motion.state_i[:, :3]), R_be)
-    linear = linear - added(effects, "linear_each_b", context)
-    return linear, angular - added(effects, "angular_each_b", context)
-
-
-def _noise(satellite, chosen, shape, rng):
-    """White noise of the sensors and the star camera, of the catalogue's densities."""
-    band = chosen.sensor_noise * np.sqrt(1 / (2 * chosen.step_s))
-    linear, angular = (np.array(satellite[f"{name}_noise_density"]) * band for name in ("linear", "angular"))
-    return {
-        "linear": linear * rng.standard_normal(shape),
-        "angular": angular * rng.standard_normal(shape),
-        "angle": np.array(satellite["attitude_noise"]) * chosen.tracker_noise * rng.standard_normal((shape[0], 3)),
-    }
+        R_be = frames.R_bi_from_quaternion(quaternion) @ np.swapaxes(R_ei, -1, -2)
+        motion.extra["tesseral_b"] = tesseral(np.matvec(R_ei, state_i[:, :3]), R_be)
+    linear = linear - added(effects, "linear_each_b", motion)
+    return linear, angular - added(effects, "angular_each_b", motion)

@@ -61,11 +61,18 @@ def _reading(tag, second, attitude, position_e, satellite, chosen, drawn, lack, 
     field_e = magnetic.field_e(second, position_e, chosen.igrf_generation)
     field_i = CubicSpline(second, np.matvec(np.swapaxes(earth.R_ei(second), 1, 2), field_e))(time)
     field = np.matvec(R_bi, field_i)
-    axis = np.matvec(R_bi, orbit_environment.dipole_axis_i(time))
-    current = sensors.quantised(_currents(time, chosen, rng), satellite["torquer_current_step"])
+    spacing = rng.exponential(chosen.current_spacing_s, (int(2 * np.ptp(time) / chosen.current_spacing_s) + 10, 3))
+    current = np.empty((time.size, 3))  # mA, steps at random times, as a control of attitude asks for them
+    for axis in range(3):
+        level = chosen.current_ma * rng.standard_normal(len(spacing) + 1)
+        current[:, axis] = level[np.searchsorted(time[0] + np.cumsum(spacing[:, axis]), time)]
+    current = sensors.quantised(current, satellite["torquer_current_step"])
     dipole = current * np.array(satellite["dipole_per_current"])
     position_i = np.matvec(np.swapaxes(earth.R_ei(second), 1, 2), position_e)
-    extra = {"axis_b": axis, "warmth": orbit_environment.warmth(time, second, position_i)}
+    extra = {
+        "axis_b": np.matvec(R_bi, orbit_environment.dipole_axis_i(time)),
+        "warmth": orbit_environment.warmth(time, second, position_i),
+    }
     context = Context(time=time, field_b=field, dipole_b=dipole, extra=extra)
     read = field + sum(effect(slug).contribution(context, drawn[slug]) for slug in EFFECTS[:-1])  # the delay is in time
     keep = np.exp(-chosen.step_s / chosen.field_error_s)  # of slow errors of the reference field, a Markov process
@@ -74,13 +81,3 @@ def _reading(tag, second, attitude, position_e, satellite, chosen, drawn, lack, 
     noise = noise + 1e-9 * chosen.noise_nt * rng.standard_normal((time.size, 3))
     read = read + field @ symmetric(*lack) + noise
     return sensors.magnetometer_columns(tag, read, current, satellite)
-
-
-def _currents(time, chosen, rng):
-    """Currents (n, 3) mA that step at random times, as a control of attitude asks for them."""
-    spacing = rng.exponential(chosen.current_spacing_s, (int(2 * np.ptp(time) / chosen.current_spacing_s) + 10, 3))
-    found = np.empty((time.size, 3))
-    for axis in range(3):
-        level = chosen.current_ma * rng.standard_normal(len(spacing) + 1)
-        found[:, axis] = level[np.searchsorted(time[0] + np.cumsum(spacing[:, axis]), time)]
-    return found
