@@ -49,8 +49,8 @@ def application(calibrations, token="", hosts=LOCAL):
         Route("/figure/{key}/{variable}", pages.figure),
         Route("/data/{key}/{variable}", pages.data),
         Route("/csv/{key}/{variable}", pages.samples),
-        Route("/report/{key}/{name}", pages.report),
-        Route("/file/{key}/{name}", pages.download),
+        Route("/report/{key}/{name}", pages.file),
+        Route("/file/{key}/{name}", pages.file),
         Mount("/static/bokeh", StaticFiles(directory=bokehjs_path() / "js")),
         Mount("/static", StaticFiles(packages=[("gravcal.browse", "static")])),
     ]

@@ -179,14 +179,13 @@ def _ends(request):
     return [float(text) if re.fullmatch(r"[-+]?\d[\d.]*(e[-+]?\d+)?", text) else None for text in texts]
 
 
-def report(request):
-    """A file of a report, shown without scripts."""
-    return _file(request, {"Content-Security-Policy": REPORT})
-
-
-def download(request):
-    """A file of a product, to be kept."""
-    return _file(request, {"Content-Disposition": "attachment"})
+def file(request):
+    """A file that the record of a product names: of a report, shown without scripts, or to be kept."""
+    found = _there(store_index.entry(request.path_params["key"]))
+    path = _there(store_index.file(found, request.path_params["name"]))
+    is_shown = request.url.path.startswith("/report/")
+    headers = {"Content-Security-Policy": REPORT} if is_shown else {"Content-Disposition": "attachment"}
+    return FileResponse(path, media_type=KINDS.get(path.suffix, "text/plain; charset=utf-8"), headers=headers)
 
 
 def not_found(request, _):
@@ -221,13 +220,6 @@ def _calibration(request):
 def _event(request):
     """Names of the event and of the configuration in the address."""
     return request.path_params["event"], request.query_params.get("as", location.OPERATIONAL)
-
-
-def _file(request, headers):
-    """A file that the record of a product names."""
-    found = _there(store_index.entry(request.path_params["key"]))
-    path = _there(store_index.file(found, request.path_params["name"]))
-    return FileResponse(path, media_type=KINDS.get(path.suffix, "text/plain; charset=utf-8"), headers=headers)
 
 
 def _wish(request, variable):
