@@ -158,22 +158,20 @@ def satellite(name):
     tables = {name: entry for name, entry in content.items() if isinstance(entry, dict)}
     heading = {name: entry for name, entry in content.items() if name not in tables}
     heading["launched"] = None if heading["launched"] == "none" else _date(heading, "launched")
-    quantities = {name: _quantity(table, path, name) for name, table in tables.items()}
+    quantities = {}
+    for name, table in tables.items():
+        value = _value(table["value"], path, f"{name}.value")
+        sigma = None if table["sigma"] == "unknown" else _value(table["sigma"], path, f"{name}.sigma")
+        if sigma is not None and (isinstance(value, (str, tuple)) or np.shape(sigma) != np.shape(value)):
+            remedy = 'Give one sigma per number, or "unknown".'
+            _wrong(path, f"{name}.sigma", table["sigma"], f"the shape of the value, {np.shape(value)}", remedy)
+        if sigma is not None and np.min(sigma) < 0:
+            _wrong(path, f"{name}.sigma", table["sigma"], "no negative number", "Correct the sign.")
+        quantities[name] = Quantity(value, table["unit"], table["frame"], sigma, table["source"])
     return Satellite(key, **heading, quantities=quantities)
 
 
 _satellite = satellite  # where a parameter hides it
-
-
-def _quantity(table, path, key):
-    value = _value(table["value"], path, f"{key}.value")
-    sigma = None if table["sigma"] == "unknown" else _value(table["sigma"], path, f"{key}.sigma")
-    if sigma is not None and (isinstance(value, (str, tuple)) or np.shape(sigma) != np.shape(value)):
-        remedy = 'Give one sigma per number, or "unknown".'
-        _wrong(path, f"{key}.sigma", table["sigma"], f"the shape of the value, {np.shape(value)}", remedy)
-    if sigma is not None and np.min(sigma) < 0:
-        _wrong(path, f"{key}.sigma", table["sigma"], "no negative number", "Correct the sign.")
-    return Quantity(value, table["unit"], table["frame"], sigma, table["source"])
 
 
 def _value(entry, path, key):
@@ -205,9 +203,6 @@ def event(name):
     for one in content["found"]:
         if not one["stop"] > one["start"]:
             _wrong(path, "found.stop", one["stop"], f"later than start {one['start']}", "Correct the times.")
-    found = [
-        (one["kind"], float(one["start"]), float(one["stop"]), one.get("satellite", "")) for one in content["found"]
-    ]
     return Event(
         name=name,
         calibration=content["calibration"],
@@ -221,7 +216,7 @@ def event(name):
         note=content.get("note", ""),
         designed=flown.manoeuvres,
         printed=tuple(content.get("printed", [])),
-        found=tuple(Manoeuvre(*one) for one in found),
+        found=tuple(Manoeuvre(**one | {n: float(one[n]) for n in ("start", "stop")}) for one in content["found"]),
         raw_files=() if date is None else _raw_files(content, flown.products, members, (date, end_date)),
         origin=content.get("origin", ""),
     )
@@ -354,7 +349,21 @@ def published(calibration):
             wanted = (*table["labels"], *table["value"], *table["sigma"])
             if missing := [name for name in wanted if name not in (rows.fieldnames or [])]:
                 _wrong(file, "header", rows.fieldnames, f"also {', '.join(missing)}", "Correct tables.toml.")
-            sections.setdefault(table["section"], []).extend(_record(row, table) for row in rows)
+            own = sections.setdefault(table["section"], [])
+            for row in rows:
+                events = filter(None, row["events"].split(";")) if "events" in row else table.get("events", ())
+                one = Published(
+                    section=table["section"],
+                    events=tuple(events),
+                    labels={key: row[key] for key in table["labels"]},
+                    value=tuple(_number(row[key]) for key in table["value"]),
+                    sigma=tuple(_number(row[key]) for key in table["sigma"]),
+                    unit=row["unit"] if table["unit"] == "column" else table["unit"],
+                    direction=table["direction"],
+                    source=f"{table['doi']}, {table['table']}",
+                    note=table["note"],
+                )
+                own.append(one)
     if not sections:
         known = sorted({table["calibration"] for table in tables.values()})
         raise _unknown("calibration with published values", calibration, known, where="catalogue")
@@ -366,21 +375,6 @@ def trims(satellite=None):
     _, content = read("published", "trims")
     wanted = satellite and _satellite(satellite).name
     return tuple(Trim(**table) for table in content["trim"] if wanted in (None, table["satellite"]))
-
-
-def _record(row, table):
-    events = tuple(filter(None, row["events"].split(";"))) if "events" in row else tuple(table.get("events", ()))
-    return Published(
-        section=table["section"],
-        events=events,
-        labels={key: row[key] for key in table["labels"]},
-        value=tuple(_number(row[key]) for key in table["value"]),
-        sigma=tuple(_number(row[key]) for key in table["sigma"]),
-        unit=row["unit"] if table["unit"] == "column" else table["unit"],
-        direction=table["direction"],
-        source=f"{table['doi']}, {table['table']}",
-        note=table["note"],
-    )
 
 
 def _number(text):
