@@ -130,13 +130,6 @@ def traced(item):
     return {"path": str(item.path.absolute()), "member": item.member} if is_file(item) else {"key": item.key}
 
 
-def check_unchanged(items, labels):
-    """Raise if a Level-1 file is no longer the one that its label describes: it changed while it was read."""
-    for item, label in zip(items, labels, strict=True):
-        if is_file(item) and digest_of(item) != label["digest"]:
-            refuse(item.path, "that it changed while it was read", "a file that stays as it is", "Run again.")
-
-
 def digest_of(item):
     """SHA-256 of a Level-1 file."""
     try:

@@ -89,7 +89,7 @@ def check(dataset, kind):
         refuse(kind, found, "what the schema says", CHANGE, missing=missing, extra=extra)
     stated = {name: {} if expected is ANY else expected[name] for name in dataset.variables}
     labels = {n: _labels(n, own, stated[n], f"{kind}, variable {n}") for n, own in dataset.variables.items()}
-    labelled = settled(dataset, labels, _own(dataset.attrs))
+    labelled = settled(dataset, labels, without_provenance(dataset.attrs))
     for name, variable in labelled.variables.items():
         _check_variable(variable, stated[name], f"{kind}, variable {name}")
         if is_time(name, variable):
@@ -126,7 +126,7 @@ def settled(dataset, labels=None, attributes=None):
 
 def digest(dataset):
     """SHA-256 of a settled dataset: names, dimensions, types, values, attributes; NaN equal to NaN, no provenance."""
-    total = hashlib.sha256(_attribute_text(_own(dataset.attrs)))
+    total = hashlib.sha256(_attribute_text(without_provenance(dataset.attrs)))
     for name in sorted(dataset.variables):
         variable = dataset.variables[name]
         values = np.ascontiguousarray(variable.values)
@@ -155,12 +155,8 @@ def provenance(recipe, key, content_digest, version):
     }
 
 
-def without_provenance(dataset):
-    """The dataset as its stage's body returned it; what other bodies are given."""
-    return dataset.drop_attrs(deep=False).assign_attrs(_own(dataset.attrs))
-
-
-def _own(attributes):
+def without_provenance(attributes):
+    """Global attributes as the body of a stage returned them, without provenance."""
     return {name: value for name, value in attributes.items() if name not in PROVENANCE}
 
 

@@ -91,7 +91,8 @@ def load(ref):
     if image is None:
         set_aside(ref.folder, reason or "bytes differ from the record")
         return None
-    dataset = product.without_provenance(product.from_bytes(image))
+    dataset = product.from_bytes(image)
+    dataset.attrs = product.without_provenance(dataset.attrs)
     for variable in dataset.variables.values():
         variable.values.flags.writeable = False
     return dataset
