@@ -39,9 +39,15 @@ class Served:
 def serve(served, said):
     """Serve the deployments until this process is told to end."""
     server.set_environment()
-    schedule, calibration = _schedule(served.cron), served.arguments["calibration"]
+    calibration = served.arguments["calibration"]
+    from prefect.client.schemas.schedules import CronSchedule
     from prefect.settings import temporary_settings
 
+    try:
+        schedule = CronSchedule(cron=served.cron, timezone="UTC")
+    except ValueError:
+        expected = "minute hour day month weekday such as '0 3 * * *'"
+        refuse("--cron", repr(served.cron), expected, "Give times of the clock.", CatalogError)
     try:
         with _alone(calibration):
             names = [f"port-{what}-{calibration}" for what in ("pages", "reports")]
@@ -116,16 +122,6 @@ async def _until_told(runner):
         loop.add_signal_handler(name, work.cancel)
     with contextlib.suppress(asyncio.CancelledError):
         await work
-
-
-def _schedule(cron):
-    from prefect.client.schemas.schedules import CronSchedule
-
-    try:
-        return CronSchedule(cron=cron, timezone="UTC")
-    except ValueError:
-        expected = "minute hour day month weekday such as '0 3 * * *'"
-        return refuse("--cron", repr(cron), expected, "Give times of the clock.", CatalogError)
 
 
 @contextlib.contextmanager
