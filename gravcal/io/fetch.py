@@ -320,7 +320,16 @@ def _download(session, url, part, patience, listener):
             if response.status_code == 416:
                 part.unlink()
                 raise Interrupted("the server does not know the part that is missing")
-            start, total = _extent(response, have, part)
+            if response.status_code == 200:
+                length = response.headers.get("Content-Length", "")
+                start, total = 0, int(length) if length.isdigit() else None
+            else:
+                extent = response.headers.get("Content-Range", "").strip()
+                given = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", extent)
+                if not given or int(given[1]) != have:
+                    part.unlink()
+                    raise Interrupted("the server sent another part than was asked for")
+                start, total = have, None if given[2] == "*" else int(given[2])
             descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666)
             with os.fdopen(descriptor, "wb") as stream:
                 stream.truncate(start)
@@ -403,18 +412,6 @@ def _ask(session, url, headers, patience):
         found = f"that {urlsplit(response.url).hostname} answers {status}: it wants a login, or another one"
         refuse(shown(url), found, "the file", LOGIN, status=status)
     return refuse(shown(url), f"that the server answers {status}", "the file", "Check the address.")
-
-
-def _extent(response, have, part):
-    """Position at which the answer starts, and size of the whole file (None if the server does not say)."""
-    if response.status_code == 200:
-        length = response.headers.get("Content-Length", "")
-        return 0, int(length) if length.isdigit() else None
-    given = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", response.headers.get("Content-Range", "").strip())
-    if not given or int(given[1]) != have:
-        part.unlink()
-        raise Interrupted("the server sent another part than was asked for")
-    return have, None if given[2] == "*" else int(given[2])
 
 
 def _chunks(response, patience, limit):

@@ -678,7 +678,13 @@ def _assembled(arrays, seconds, ticks, flag, table):
     for column in (*table.columns, *held, *table.repeated):
         dims = ("record", "slot") if column in table.repeated else "record"
         name = names.get(column.name, column.name)
-        attrs = _column_attributes(table.column(name), table)
+        about = table.column(name)
+        attrs = {"units": about.units, "long_name": about.meaning or about.file_name}
+        attrs |= {"frame": about.frame} if about.frame else {}
+        attrs |= {"file_name": about.file} if about.file else {}
+        attrs |= _bits({1 << int(k): v for k, v in ((table.flags or {}).get(name) or {}).items()})
+        if name in (table.values or {}):
+            attrs["value_meanings"] = "; ".join(f"{k} = {v}" for k, v in table.values[name].items())
         if name != column.name:
             attrs |= {"source_column": column.name, "comment": MOVED}
         variables[name] = (dims, arrays[column.name], attrs)
@@ -699,18 +705,6 @@ def _assembled(arrays, seconds, ticks, flag, table):
 def srf_names(table):
     """Name in SRF of each column of the accelerometer frame: x is column z, y is column x, z is column y."""
     return {af[(i + 2) % 3]: af[i] for af in table.to_srf for i in range(3)}
-
-
-def _column_attributes(column, table):
-    attrs = {"units": column.units, "long_name": column.meaning or column.file_name}
-    if column.frame:
-        attrs["frame"] = column.frame
-    if column.file:
-        attrs["file_name"] = column.file
-    attrs |= _bits({1 << int(k): v for k, v in ((table.flags or {}).get(column.name) or {}).items()})
-    if column.name in (table.values or {}):
-        attrs["value_meanings"] = "; ".join(f"{k} = {v}" for k, v in table.values[column.name].items())
-    return attrs
 
 
 def _bits(meanings):
