@@ -159,9 +159,9 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     within(effects, of_channels(*READ))
     rng = np.random.default_rng(seed)
     scene = draw_scene(satellite, chosen, day, rng)
-    clock = sensors.draw_clock(chosen, day, rng)
+    clock, clocks = sensors.draw_clock(chosen, day, rng)
     parts = [_fly_span(span, scene, satellite, chosen, effects, clock, rng) for span in scene.spans]
-    columns = sensors.join(parts) | sensors.clock_files(clock)
+    columns = sensors.join(parts) | clocks
     truth = {
         "seed": seed,
         "day": day,
@@ -201,11 +201,19 @@ def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
     size = chosen.aerodynamic_torque_n_m * rng.standard_normal(3)
     slow = size * (1 + 0.5 * np.sin(1.1e-3 * (steps.bound[:, None] - steps.bound[0]) + phase))
     slow = np.stack([slow[:-1], slow[1:]], axis=1)
-    states, control = flight.fly(steps, around, body, start, (np.zeros_like(slow), slow))
-    if any(effect(slug).channel in EXTRA for slug in effects):
-        states, control, added = _with_effects(steps, around, body, start, slow, states, control, effects, scene)
-    else:
-        added = (np.zeros_like(slow), slow)
+    added = np.zeros_like(slow), slow
+    states, control = flight.fly(steps, around, body, start, added)
+    # flown again with the injected effects, the controller's part as it was with them; an effect is linear in a step:
+    # what it is at the beginning, where instruments read, and its mean over the step
+    parts = np.append(0.0, (np.arange(PARTS) + 0.5) / PARTS)
+    inner = (steps.bound[:-1, None] + np.diff(steps.bound)[:, None] * parts).ravel()
+    for closed in (True, False) if any(effect(slug).channel in EXTRA for slug in effects) else ():
+        context = sensors.context_of_steps(inner, parts.size, steps, around, states, control[0], scene)
+        none = np.zeros((inner.size, 3))
+        found = [(none + contributed(effects, name, context)).reshape(-1, parts.size, 3) for name in EXTRA]
+        ends = [np.stack([v[:, 0], 2 * v[:, 1:].mean(axis=1) - v[:, 0]], axis=1) for v in found]
+        added = ends[0], slow + ends[1]
+        states, control = flight.fly(steps, around, body, start, added, None if closed else control)
     motion = _motion(steps, around, scene, states, control, added)
     return sensors.read_instruments(epochs, motion, scene, satellite, chosen, effects, rng)
 
@@ -231,23 +239,6 @@ def _steps(span, epochs, scene, satellite, chosen, rng):
         wave |= inside
     updates = np.isin(begin, control)
     return flight.Steps(bound, updates, wave, dipole)
-
-
-def _with_effects(steps, around, body, start, slow, states, control, effects, scene):
-    """Fly again with the injected dipole and torque effects, the controller's part as it was with them.
-
-    An effect is linear in a step: what it is at the beginning, where instruments read, and its mean over the step.
-    """
-    parts = np.append(0.0, (np.arange(PARTS) + 0.5) / PARTS)
-    inner = (steps.bound[:-1, None] + np.diff(steps.bound)[:, None] * parts).ravel()
-    for closed in (True, False):
-        context = sensors.context_of_steps(inner, parts.size, steps, around, states, control[0], scene)
-        none = np.zeros((inner.size, 3))
-        found = [(none + contributed(effects, name, context)).reshape(-1, parts.size, 3) for name in EXTRA]
-        ends = [np.stack([v[:, 0], 2 * v[:, 1:].mean(axis=1) - v[:, 0]], axis=1) for v in found]
-        added = ends[0], slow + ends[1]
-        states, control = flight.fly(steps, around, body, start, added, None if closed else control)
-    return states, control, added
 
 
 def _motion(steps, around, scene, states, control, added):

@@ -79,7 +79,16 @@ def simulate(
 
     They are made when they are asked for, one day or less at a time, none across midnight; effects are of KNOWN.
     """
-    hidden, chosen = Hidden(within(effects or {}, KNOWN), day), with_design(chosen)
+    hidden = Hidden(within(effects or {}, KNOWN), day)
+    if chosen.design:  # its swing and its roll in place of those of the settings
+        found = {one.kind: one for one in catalog.design(chosen.design).manoeuvres}
+        new = {"manoeuvre": "both" if len(found) > 1 else next(iter(found))}
+        if roll := found.get("roll"):
+            new |= {"roll_s": roll.duration_s, "roll_period_s": roll.period_s}
+        if driven := found.get("swing"):
+            new |= {f"swing_{name[5:]}": value for name, value in driven.facts.items() if name.startswith("axes_")}
+            new |= {"swing_s": driven.duration_s}
+        chosen = chosen.with_settings(new)
     first, second = np.random.SeedSequence(seed).spawn(2)
     rng = np.random.default_rng(first)
     truth = draw(satellite, chosen, rng)
@@ -116,21 +125,6 @@ def simulate(
         "effects": dict(hidden.effects),
     }
     return records(), plain
-
-
-def with_design(chosen):
-    """Settings with the swing and the roll of their design."""
-    if not chosen.design:
-        return chosen
-    found = {one.kind: one for one in catalog.design(chosen.design).manoeuvres}
-    new = {"manoeuvre": "both" if len(found) > 1 else next(iter(found))}
-    if "roll" in found:
-        new |= {"roll_s": found["roll"].duration_s, "roll_period_s": found["roll"].period_s}
-    if "swing" in found:
-        one = found["swing"]
-        new |= {"swing_s": one.duration_s}
-        new |= {f"swing_{name[5:]}": value for name, value in one.facts.items() if name.startswith("axes_")}
-    return chosen.with_settings(new)
 
 
 def sessions(limits: Mapping, seconds: float) -> list[list[dict]]:

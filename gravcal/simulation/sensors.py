@@ -21,7 +21,6 @@ class Clock:
 
     receiver: np.ndarray  #: (c,) s, CLK1B nodes
     offset: np.ndarray  #: (c,) s, GPS minus receiver
-    drift: float
     onboard: np.ndarray  #: (m,) s, TIM1B nodes
     mapping_ns: np.ndarray  #: (m,) ns, receiver minus on-board
 
@@ -61,12 +60,17 @@ class Motion:
         return Motion(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
 
-def draw_clock(chosen, day: float, rng) -> Clock:
-    """Clock offset with drift and the mapping jitter of TIM1B."""
+def draw_clock(chosen, day: float, rng) -> tuple[Clock, dict]:
+    """Clock offset with drift and the mapping jitter of TIM1B, and the columns of CLK1B and TIM1B."""
     receiver = np.arange(day - 300, day + constants.DAY + 301, 10.0)
     offset = rng.uniform(-1, 1) * chosen.clock_offset_s + chosen.clock_drift * (receiver - day)
     onboard = np.arange(day - 295, day + constants.DAY + 300, 8.0)
-    return Clock(receiver, offset, chosen.clock_drift, onboard, 119.0 * rng.integers(-1, 2, onboard.size))
+    mapping_ns = 119.0 * rng.integers(-1, 2, onboard.size)
+    tag, drift = np.round(onboard * 1e9).astype(np.int64) + mapping_ns.astype(np.int64), chosen.clock_drift
+    whole = receiver.astype(np.int64), onboard.astype(np.int64)
+    columns = {"CLK1B": {"rcv_time": whole[0], "eps_time": offset, "eps_drift": np.full(offset.size, drift)}}
+    columns["TIM1B"] = {"obctime": whole[1], "rcvtime_intg": tag // 10**9, "rcvtime_frac": tag % 10**9}
+    return Clock(receiver, offset, onboard, mapping_ns), columns
 
 
 def draw_epochs(span, clock: Clock, effects, satellite) -> Epochs:
@@ -200,23 +204,6 @@ def magnetometer_columns(tag, field_b, current_ma, satellite) -> dict:
 def join(parts: list[dict]) -> dict:
     """Columns of several spans, one after the other."""
     return {p: {n: np.concatenate([part[p][n] for part in parts]) for n in parts[0][p]} for p in parts[0]}
-
-
-def clock_files(clock: Clock) -> dict:
-    """Columns of CLK1B and TIM1B."""
-    receiver = np.round(clock.onboard * 1e9).astype(np.int64) + clock.mapping_ns.astype(np.int64)
-    return {
-        "CLK1B": {
-            "rcv_time": clock.receiver.astype(np.int64),
-            "eps_time": clock.offset,
-            "eps_drift": np.full(clock.offset.size, clock.drift),
-        },
-        "TIM1B": {
-            "obctime": clock.onboard.astype(np.int64),
-            "rcvtime_intg": receiver // 1_000_000_000,
-            "rcvtime_frac": receiver % 1_000_000_000,
-        },
-    }
 
 
 def quantised(values: np.ndarray, step) -> np.ndarray:
