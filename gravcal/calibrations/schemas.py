@@ -71,36 +71,26 @@ def replaced(dataset: xr.Dataset, values: Mapping[str, np.ndarray]) -> xr.Datase
 
 
 def widened(
-    found: xr.Dataset, moved: Sequence[xr.Dataset], covariances: Mapping[str, Sequence[str]], added: str = ""
+    found: xr.Dataset, moved: Sequence[xr.Dataset], errors: Mapping[str, Sequence[str]], added: str = ""
 ) -> dict[str, np.ndarray]:
-    """Covariances with the errors of a model, {variable: (..., p, p)} for `replaced`; values if it adds some.
+    """Errors that hold those of a model, {variable: array} for `replaced`; values if it adds some.
 
-    There is one moved Dataset of the kind of the found one for each direction of the errors; covariances names, for a
-    variable (..., p), the variables that hold its covariances (..., p, p); added is JSON of the "correction" (p,) and
-    "covariance" (p, p) that a search adds to the result, "" for none.
+    There is one moved Dataset of the kind of the found one for each direction of the errors; errors names, for a
+    variable (..., p), those that hold its covariances (..., p, p) or standard deviations (..., p); added is JSON of the
+    "correction" (p,) and "covariance" (p, p) that a search adds to the result, "" for none.
     """
     from gravcal.estimation.least_squares import covariance_of_moves
 
     new, more = {}, json.loads(added or "{}")
-    for name, held in covariances.items():
-        extra = np.array(more.get("covariance", 0.0))
+    for name, held in errors.items():
+        value, others = found[name].values, [one[name].values for one in moved]
         if more:
-            new[name] = found[name].values + more["correction"]
-        if moved:
-            extra = extra + covariance_of_moves(found[name].values, [one[name].values for one in moved])
-        new |= {covariance: found[covariance].values + extra for covariance in held}
-    return new
-
-
-def widened_sigmas(
-    found: xr.Dataset, moved: Sequence[xr.Dataset], sigmas: Mapping[str, Sequence[str]]
-) -> dict[str, np.ndarray]:
-    """Standard deviations with the errors of a model, {variable: array}, of values without covariances."""
-    from gravcal.estimation.least_squares import covariance_of_moves
-
-    new = {}
-    for name, held in sigmas.items():
-        each = [one[name].values[..., None] for one in moved]
-        square = covariance_of_moves(found[name].values[..., None], each)[..., 0, 0]
-        new |= {sigma: np.sqrt(found[sigma].values ** 2 + square) for sigma in held}
+            new[name] = value + more["correction"]
+        for error in (found[one] for one in held):
+            if error.ndim == value.ndim:  # standard deviations
+                square = covariance_of_moves(value[..., None], [one[..., None] for one in others])[..., 0, 0]
+                new[error.name] = np.sqrt(error.values**2 + square)
+            else:
+                extra = covariance_of_moves(value, others) if moved else 0.0
+                new[error.name] = error.values + (np.array(more.get("covariance", 0.0)) + extra)
     return new

@@ -9,7 +9,7 @@ from scipy.ndimage import median_filter
 from scipy.signal import welch
 
 from gravcal.calibrations.inertial_sensor.align import SCHEMAS
-from gravcal.calibrations.schemas import build, replaced, widened, widened_sigmas
+from gravcal.calibrations.schemas import build, replaced, widened
 from gravcal.errors import EstimationError
 from gravcal.estimation import noise
 from gravcal.physics import sensing
@@ -19,14 +19,16 @@ SEPARABLE = (1, 0, 1)  # about y the direction cosines are constant: b_y and the
 MEMORY = 3  # order of the autoregressive noise of a residual, half a minute
 LIMIT = 3.0  # standard deviations from the neighbours beyond which a segment is drawn in
 NEIGHBOURS = 5  # segments of the running median
-#: Values of a product with the variables that hold their covariances, and with those that hold standard deviations.
+#: Values of a product with the variables that hold their covariances or standard deviations.
 ERRORS = {
-    "inertial_sensor.scale": (
-        {"batch_value": ("covariance",)},
-        {"beta": ("beta_sigma",), "delay": ("delay_sigma",), "k": ("k_sigma", "k_sigma_total")},
-    ),
-    "inertial_sensor.offset": ({"offset": ("covariance", "covariance_total")}, {}),
-    "inertial_sensor.bias": ({}, {"bias": ("bias_sigma", "bias_sigma_total")}),
+    "inertial_sensor.scale": {
+        "batch_value": ("covariance",),
+        "beta": ("beta_sigma",),
+        "delay": ("delay_sigma",),
+        "k": ("k_sigma", "k_sigma_total"),
+    },
+    "inertial_sensor.offset": {"offset": ("covariance", "covariance_total")},
+    "inertial_sensor.bias": {"bias": ("bias_sigma", "bias_sigma_total")},
 }
 
 
@@ -328,5 +330,4 @@ def spectra(bins: Mapping[str, np.ndarray], solved: Segments, sensor: Sensor, k_
 
 def with_model_error(solved: xr.Dataset, *moved: xr.Dataset, kind: str) -> xr.Dataset:
     """Product with the errors of a model that was taken out before; one moved product a direction of these errors."""
-    covariances, sigmas = ERRORS[kind]
-    return replaced(solved, widened(solved, moved, covariances) | widened_sigmas(solved, moved, sigmas))
+    return replaced(solved, widened(solved, moved, ERRORS[kind]))
