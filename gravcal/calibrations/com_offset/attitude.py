@@ -495,16 +495,11 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
     for _ in range(max(choice.iterations, 1)):
         given = window.time, solution.state, torque_of(arc, solution)
         modelled, _, _, sensitivity = dynamics.integrate_with_sensitivity(*given, max_step=choice.step_s)
-        residual, columns = frames.attitude_error(window.quaternion, modelled), [sensitivity[:, :3, :6]]
-        if choice.torque_degree >= 0:  # the response to the slow torque stays as it is
-            if slow is None:
-                slow = slow_torque_response(arc, window.time, sensitivity[:, :, :6], choice.torque_degree)
-            columns.append(slow)
-        if choice.scale_sigma > 0:
-            columns.append(sensitivity[:, :3, 6:9])
-        if choice.shift_sigma > 0:
-            columns.append(sensitivity[:, :3, 9:10])
-        design = np.concatenate(columns, axis=2)
+        residual = frames.attitude_error(window.quaternion, modelled)
+        parts = dict(zip(("angle", "rate", "torque", "shift"), np.split(sensitivity[:, :3], [3, 6, 9], 2), strict=True))
+        if slow is None and "slow" in unknowns:  # stays as it is
+            slow = slow_torque_response(arc, window.time, sensitivity[:, :, :6], choice.torque_degree)
+        design = np.concatenate([(parts | {"slow": slow})[name] for name in unknowns], axis=2)
         rows = whitened(noise, np.concatenate([residual[:, :, None], design], axis=2), good)
         y, A = rows[:, 0], rows[:, 1:]
         present = {  # distance of each unknown from its prior mean

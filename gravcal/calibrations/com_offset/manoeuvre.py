@@ -288,7 +288,7 @@ def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings
         label=f"manoeuvre {one.index + 1}",
         observed=one.whitened(observed)[:, 0],
         global_columns=one.whitened({"linear": catalogue()["accelerometer.offset"].columns(one.wide)}),
-        local_columns=one.whitened(_local(one, settings)),
+        local_columns=np.concatenate([one.whitened(columns) for columns in _local(one, settings)], axis=1),
         channel=np.repeat(CHANNELS, [3 * v.size for v in one.valid.values()]),
         axis=np.concatenate([np.repeat([0, 1, 2], v.size) for v in one.valid.values()]),
         time=np.concatenate([np.tile(t, 3) for t in one.times.values()]),
@@ -303,10 +303,8 @@ def _steps(one):
     epochs = np.arange(grid[0] + 6, grid[-1] - 6, STEP_S)
     shapes = one.wide_operator((one.wide.time[:, None, None] >= epochs).astype(float))[:, 0]
     rows = np.zeros((one.size, epochs.size, 3))
-    first, count = one.place("linear").start, one.valid["linear"].size
-    for axis in range(3):
-        there = slice(first + axis * count, first + (axis + 1) * count)
-        rows[there, :, axis] = noises.whiten(one.noise["linear"][axis], shapes, one.valid["linear"])
+    white = noises.whitened(one.noise["linear"], on_axes(shapes), one.valid["linear"])
+    rows[one.place("linear")] = white.reshape(-1, epochs.size, 3)
     return {float(t): rows[:, k] for k, t in enumerate(epochs)}
 
 
@@ -319,20 +317,12 @@ def _local(one, settings):
         ("magnetometer", one.magnetometer[0], 0),
     ):
         if time.size:
-            ends = time[0], max(time[-1], time[0] + 1)
-            shape = least_squares.polynomial(time, degree, *ends)
+            shape = least_squares.polynomial(time, degree, time[0], max(time[-1], time[0] + 1))
             columns.append({channel: on_axes(shape)})
     columns.append({"attitude": one.local_attitude})
     rest = one.time, one.context.field_b, float(np.median(np.diff(one.time)))
     ends = [motion.magnetic_acceleration(one.arc, one.seen + d, *rest) for d in (-0.15, 0.15)]
-    columns.append(at_accelerometer(one, _edge_by_edge(one, ends[1] - ends[0])))
-    places = np.cumsum([0, *(next(iter(c.values())).shape[2] for c in columns)])
-    joined: dict[str, np.ndarray] = {}
-    for column, begin, end in zip(columns, places[:-1], places[1:], strict=True):
-        for channel, values in column.items():
-            joined.setdefault(channel, np.zeros((values.shape[0], 3, places[-1])))
-            joined[channel][:, :, begin:end] = values
-    return joined
+    return [*columns, at_accelerometer(one, _edge_by_edge(one, ends[1] - ends[0]))]
 
 
 def _edge_by_edge(one, jump):

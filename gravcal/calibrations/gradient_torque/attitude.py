@@ -13,6 +13,7 @@ from scipy.linalg import cho_solve_banded, cholesky_banded
 from scipy.linalg.blas import dsbmv
 from scipy.ndimage import binary_opening, maximum_filter1d
 from scipy.optimize import minimize
+from scipy.spatial.transform import Rotation
 
 from gravcal.errors import EstimationError, refuse
 from gravcal.physics import frames, kinematics
@@ -61,13 +62,7 @@ def angles(quaternion, R_oi):
 
 def R_bo(angle):
     """Rotation (n, 3, 3) from orbit to body components of angles (n, 3) rad."""
-    (cx, cy, cz), (sx, sy, sz) = np.cos(angle.T), np.sin(angle.T)
-    rows = [
-        [cy * cz, cy * sz, -sy],
-        [sx * sy * cz - cx * sz, sx * sy * sz + cx * cz, sx * cy],
-        [cx * sy * cz + sx * sz, cx * sy * sz - sx * cz, cx * cy],
-    ]
-    return np.moveaxis(np.array(rows), -1, 0)
+    return np.swapaxes(Rotation.from_euler("ZYX", angle[:, ::-1]).as_matrix(), 1, 2)
 
 
 def axes(angle):
