@@ -1,7 +1,7 @@
 """Generalised least squares with the noise as measured: the one result that the scientific interface returns."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import chdtrc
@@ -40,8 +40,7 @@ class Estimate:
     def scaled(self, factor: float, unit: str) -> "Estimate":
         """The same in another unit, or with the other sign."""
         moved = {"value": factor * self.value, "covariance": factor**2 * self.covariance}
-        normal = {"information": self.information / factor**2, "right": self.right / factor}
-        return Estimate(self.names, unit, chi2=self.chi2, dof=self.dof, residual=self.residual, **moved, **normal)
+        return replace(self, unit=unit, **moved, information=self.information / factor**2, right=self.right / factor)
 
     def __str__(self):
         """One line a parameter."""

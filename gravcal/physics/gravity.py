@@ -46,17 +46,12 @@ def gradient_i(position_i):
 
     Notes
     -----
-    G = mu/r^3 (3 e e^T - 1) (equations.md section 1) plus the derivative of the J2 term of acceleration_i.
+    G = mu/r^3 (3 e e^T - 1) (equations.md section 1) plus the derivative of the J2 term of acceleration_i, both as the
+    series of `gradient_e` of C_00 = 1 and C_20 = -J2 / sqrt(5).
     """
-    r, k = check_shape("position_i", position_i, (..., 3)), NORTH
-    d, z = _distance(r)[..., None, None], r[..., 2, None, None]
-    one, rr = np.eye(3), r[..., :, None] * r[..., None, :]
-    rk = r[..., :, None] * k
-    point_mass = GM / d**3 * (3 * rr / d**2 - one)
-    u = z / d
-    even = (1 - 5 * u**2) * one - (5 - 35 * u**2) * rr / d**2 + 2 * k[:, None] * k
-    mixed = 10 * u / d * (rk + rk.swapaxes(-1, -2))
-    return point_mass - 1.5 * J2 * GM * EARTH_RADIUS**2 / d**5 * (even - mixed)
+    position = check_shape("position_i", position_i, (..., 3))
+    _distance(position)
+    return _gradient(FLATTENED, position)
 
 
 def rotate_tensor(R_ab, tensor_b):
@@ -103,6 +98,9 @@ class Field:
         return kernel_tables([derivative(once[first], second) for first, second in PAIRS])
 
 
+FLATTENED = Field(GM, EARTH_RADIUS, np.array([[1.0, 0, 0], [0, 0, 0], [-J2 / np.sqrt(5), 0, 0]]), np.zeros((3, 3)))
+
+
 def gradient_e(field, position_e):
     """Gravity-gradient tensor dg/dr (..., 3, 3) s-2 of a Field at positions (..., 3) m, from six independent series.
 
@@ -116,6 +114,10 @@ def gradient_e(field, position_e):
         refuse("position_e", "a point within 100 km of the centre or not finite", "positions in metres", "Convert it.")
     if field.degree > LIMIT:
         refuse(field.name or "field", f"degree {field.degree}", f"at most {LIMIT}", "Use truncated(field, 0, n).")
+    return _gradient(field, position)
+
+
+def _gradient(field, position):
     sums = sum_series(np.ascontiguousarray(position.reshape(-1, 3) / field.radius), *field.tables)
     six = (field.gm / field.radius**3 * sums).reshape(*position.shape[:-1], len(PAIRS))
     return six[..., [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]

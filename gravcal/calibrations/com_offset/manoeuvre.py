@@ -20,7 +20,7 @@ from gravcal.effects import Context, catalogue
 from gravcal.estimation import least_squares
 from gravcal.estimation import noise as noises
 from gravcal.estimation.records import Block
-from gravcal.estimation.resampling import Resampler, operator_for
+from gravcal.estimation.resampling import Resampler, lines_between, operator_for
 from gravcal.physics import dynamics, frames, orbit_environment
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
@@ -234,8 +234,7 @@ def _attitude_and_field(aligned, field_, time):
     tags = aligned["time_sca"].values[known]
     quaternion = frames.interpolate(tags, aligned["quaternion"].values[known], np.clip(time, tags[0], tags[-1]))
     R_bi = frames.R_bi_from_quaternion(quaternion)
-    inertial = np.stack([np.interp(time, field_["time_orbit"].values, c) for c in field_["field_i"].values.T], axis=1)
-    return R_bi, np.matvec(R_bi, inertial)
+    return R_bi, np.matvec(R_bi, lines_between(time, field_["time_orbit"].values, field_["field_i"].values))
 
 
 def attitude_at(window: motion.Window, time: np.ndarray) -> np.ndarray:
@@ -248,14 +247,13 @@ def attitude_at(window: motion.Window, time: np.ndarray) -> np.ndarray:
 
 def field_at(arc: motion.Arc, time: np.ndarray, R_bi: np.ndarray) -> np.ndarray:
     """Field in the body (n, 3) T."""
-    inertial = np.stack([np.interp(time, arc.field_time, c) for c in arc.field_i.T], axis=1)
-    return np.matvec(R_bi, inertial)
+    return np.matvec(R_bi, lines_between(time, arc.field_time, arc.field_i))
 
 
 def _context(window, shift, base, orbit, time):
     """Context at any epochs near a manoeuvre: motion of the accelerometer epochs, dipole and field at the epochs."""
     same = time.size == base.time.size and np.array_equal(time, base.time)
-    thin = lambda v: v if same else np.stack([np.interp(time, base.time, c) for c in v.T], axis=1)  # noqa: E731
+    thin = lambda v: v if same else lines_between(time, base.time, v)  # noqa: E731
     R_bi = attitude_at(window, time)
     environment = orbit_environment.extras(time, *orbit, R_bi, base.extra["mass"], DRAG)
     return replace(
@@ -381,13 +379,17 @@ def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray,
 def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict[str, Measured], dict]:
     """Noise and samples an axis of the channels whose noise quiet data show, {channel: ...} each."""
     time, spans = aligned["time_acc"].values, list(quiet_spans(aligned, settings))
-    models, samples, count = {}, {}, aligned.sizes["manoeuvre"]
+    models, samples, count, mag = {}, {}, aligned.sizes["manoeuvre"], aligned["time_mag"].values
+    between = (mag[1:] + mag[:-1]) / 2
     for channel in ("linear", "angular"):
         values, pieces, epochs = aligned[f"{channel}_b"].values, [], []
         for inside, _, operator in quiet_operators(aligned, values, settings):
             piece = np.nan_to_num(values[inside])
-            if channel == "angular":  # the torque of the control currents is no noise
-                piece = piece - _control(aligned, field_, time[inside], settings)
+            if channel == "angular":  # the torque of the control currents, held from sample to sample, is no noise
+                field_b = _attitude_and_field(aligned, field_, time[inside])[1]
+                held = np.nan_to_num(aligned["current_b"].values[np.searchsorted(between, time[inside])])
+                torque = np.cross(held * np.asarray(settings["dipole_per_current"]), field_b)
+                piece = piece - np.linalg.solve(np.asarray(settings["inertia"]), torque.T).T
             pieces.append(operator(piece - piece[len(piece) // 2]))
             epochs.append(operator.time)
         cleaned, _ = noises.without_lines(pieces, settings["step_s"]) if pieces else ([], None)
@@ -419,15 +421,6 @@ def _drifts(pieces, degree):
     """Columns (n_i, 3, q) of a polynomial on each axis of pieces (n_i, 3)."""
     counts = [len(one) for one in pieces]
     return [on_axes(least_squares.polynomial(np.arange(count), degree, 0, count)) for count in counts]
-
-
-def _control(aligned, field_, time, settings):
-    """Angular acceleration (n, 3) by the control currents, held from sample to sample, rad s-2."""
-    mag = aligned["time_mag"].values
-    index = np.clip(np.searchsorted((mag[1:] + mag[:-1]) / 2, time), 0, mag.size - 1)
-    dipole = np.nan_to_num(aligned["current_b"].values[index]) * np.asarray(settings["dipole_per_current"])
-    torque = np.cross(dipole, _attitude_and_field(aligned, field_, time)[1])
-    return np.linalg.solve(np.asarray(settings["inertia"]), torque.T).T
 
 
 def attitude_noise(smoothed: xr.Dataset, views: list[Manoeuvre], wider: list[np.ndarray], order: int):

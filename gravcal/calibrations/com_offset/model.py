@@ -7,7 +7,7 @@ from gravcal.calibrations.align import between
 from gravcal.calibrations.com_offset.align import SCHEMAS, SURVEY_S
 from gravcal.calibrations.schemas import build
 from gravcal.estimation import least_squares
-from gravcal.estimation.resampling import operator_for
+from gravcal.estimation.resampling import lines_between, operator_for
 from gravcal.physics import earth, frames, kinematics, magnetic, sensing
 
 HALF_WIDTH = 2  # star-camera samples either side of the parabola whose slope is the rate
@@ -57,8 +57,7 @@ def _at_magnetometer(aligned, time, field_i):
     covered = between(mag_time, sca_time[known], 2.0) & between(mag_time, time, 2.0)
     at = mag_time[covered]
     body = frames.interpolate(sca_time[known], quaternion[known], at)
-    inertial = np.stack([np.interp(at, time, field_i[:, c]) for c in range(3)], axis=1)
-    model_b[covered] = np.matvec(frames.R_bi_from_quaternion(body), inertial)
+    model_b[covered] = np.matvec(frames.R_bi_from_quaternion(body), lines_between(at, time, field_i))
     measured = aligned["field_measured_b"].values
     return covered & (aligned["mag_flag"].values == 0) & np.isfinite(measured).all(axis=1), model_b
 

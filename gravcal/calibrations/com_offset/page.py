@@ -7,8 +7,10 @@ import numpy as np
 
 from gravcal.calibrations.checks import at_least, at_most, largest, of_product
 from gravcal.calibrations.com_offset.align import OUTLIER, REACH, SCHEMAS
+from gravcal.calibrations.com_offset.estimate import HIGH_LATITUDE
 from gravcal.calibrations.com_offset.estimate import adopted as adopted_variant
 from gravcal.calibrations.schemas import build
+from gravcal.estimation.least_squares import without
 from gravcal.io.vcm import commented, vector_line
 from gravcal.report import documents, pages, plain
 from gravcal.report.figures import AXIS, COLOURS, bars, density, grid, joined, number_windows, thinned
@@ -26,7 +28,6 @@ STEP_S = 0.5  # of the grid of a solution
 SHOWN = ("offset", "sigma", "sigma_total")
 SINGLE = ("combine", "attitude", "field", "survey", "detect", "align", "checks")
 KINDS = ("roll", "pitch", "yaw")
-HIGH_LATITUDE = np.radians(45.0)
 WAVE_HZ = 1 / 12
 SCALE_SHARE = 0.5  # of its prior: a torque scale known no better says nothing of its own
 ANGULAR_LIMIT = 0.2
@@ -620,10 +621,7 @@ def _roll(panel, survey):
     if time.size == 0 or not np.isfinite(slope):
         return
     drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, time.size), 2)
-    rate, impulse = (
-        y - drift @ np.linalg.lstsq(drift, y, rcond=None)[0]
-        for y in (survey["roll_rate"].values, survey["roll_impulse"].values)
-    )
+    rate, impulse = (without(drift, survey[name].values) for name in ("roll_rate", "roll_impulse"))
     style = {"color": COLOURS["orange"], "marker": "o", "markersize": 2.2, "linewidth": 0.6, "label": "star camera"}
     panel.plot(time - time[0], 1e6 * rate, **style)
     panel.plot(time - time[0], 1e6 * slope * impulse, color=COLOURS["black"], label="torquers")

@@ -151,9 +151,7 @@ def cut(time: np.ndarray, segment_s: float) -> tuple[float, list[slice]]:
 
 def offset_terms(rate_b, gradient_b, step_s: float) -> np.ndarray:
     """Tensor of the offset in the bins of a segment (b, 3, 3) s-2; the rate of rolling changes as its line."""
-    u = step_s * np.arange(rate_b.shape[0])
-    u = u - u.mean()
-    slope = (u @ (rate_b - rate_b.mean(axis=0))) / (u @ u)
+    slope = np.polyfit(step_s * np.arange(len(rate_b)), rate_b, 1)[0]
     return sensing.offset_tensor(rate_b, np.broadcast_to(slope, rate_b.shape), gradient_b)
 
 

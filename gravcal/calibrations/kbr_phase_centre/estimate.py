@@ -327,9 +327,6 @@ def predicted_shift(shift: np.ndarray, offset: float) -> np.ndarray:
     """
     result = np.full_like(shift, np.nan)
     for name, sign in (("positive", 1.0), ("mirror", -1.0)):
-        row = SUBSETS.index(name)
-        for first in (0, 3):
-            x = shift[..., row, first]
-            result[..., row, first + 1] = sign * np.tan(offset) * x
-            result[..., row, first + 2] = -sign * np.tan(offset) * x
+        moved = sign * np.tan(offset) * shift[..., SUBSETS.index(name), ::3]
+        result[..., SUBSETS.index(name), 1::3], result[..., SUBSETS.index(name), 2::3] = moved, -moved
     return result

@@ -5,6 +5,7 @@ from dataclasses import astuple, dataclass, fields
 
 import numpy as np
 import xarray as xr
+from scipy.signal import savgol_filter
 
 from gravcal.calibrations import schemas
 from gravcal.calibrations.schemas import build
@@ -250,10 +251,7 @@ def published_columns(time: np.ndarray, columns: np.ndarray, derivative: int, ha
     D and D D of Remote Sens. 2022, 14, 3395, eqs. 17 and 19; the window is not printed (erratum K-4). Time (m,) s is
     evenly spaced but for gaps.
     """
-    lag = np.arange(-half_width, half_width + 1)
-    taps = np.linalg.pinv(np.vander(lag, 4, increasing=True))[1]
     step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
     for _ in range(derivative):
-        widened = np.pad(columns, ((half_width, half_width), (0, 0)), mode="edge")
-        columns = np.lib.stride_tricks.sliding_window_view(widened, lag.size, axis=0) @ (taps / step)
+        columns = savgol_filter(columns, 2 * half_width + 1, 3, deriv=1, delta=step, axis=0, mode="nearest")
     return columns

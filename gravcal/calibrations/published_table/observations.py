@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.signal import detrend
 
 from gravcal.calibrations.causes import listed, unknown
 from gravcal.effects import Context, catalogue
@@ -56,11 +57,7 @@ class Arc:
 
 def detrended(reading_b: np.ndarray) -> np.ndarray:
     """Weighted rows (3 n, q) of a reading (n, 3, q) with mean and trend of each axis removed."""
-    time = np.linspace(-1, 1, reading_b.shape[0])
-    shape = np.linalg.qr(np.stack([np.ones_like(time), time], axis=1))[0]
-    slow = shape @ (shape.T @ reading_b.reshape(len(shape), -1))
-    rest = reading_b - slow.reshape(reading_b.shape)
-    return (np.sqrt(WEIGHTS)[:, None] * rest).reshape(-1, reading_b.shape[2])
+    return (np.sqrt(WEIGHTS)[:, None] * detrend(reading_b, axis=0)).reshape(-1, reading_b.shape[2])
 
 
 @functools.lru_cache(maxsize=32)

@@ -312,9 +312,7 @@ def _normal(pieces, observed, design, noises):
                 white = whole / max(spread, 1e-300)
             else:
                 white = whiten(noises[c], whole, there)
-            basis = least_squares.orthonormal(white[:, design.shape[2] + 1 :])
-            clean = white[:, : design.shape[2] + 1]
-            clean = clean - basis @ (basis.T @ clean)
+            clean = least_squares.without(white[:, design.shape[2] + 1 :], white[:, : design.shape[2] + 1])
             normal, side = normal + clean[:, 1:].T @ clean[:, 1:], side + clean[:, 1:].T @ clean[:, 0]
         information.append(normal)
         right.append(side)

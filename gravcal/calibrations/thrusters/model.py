@@ -129,12 +129,12 @@ def off_the_orbit(aligned: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Small rotation (n, 3) rad from a steady turn to continuous attitudes (n, 4), and the rate (3,) of that turn."""
-    steps = frames.rotation_vector(frames.quaternion_product(frames.conjugate(quaternion[:-1]), quaternion[1:]))
+    steps = frames.attitude_error(quaternion[1:], quaternion[:-1])
     rate = steps.sum(axis=0) / (time[-1] - time[0])
     middle = time.size // 2
     turn = frames.from_rotation_vector(rate * (time - time[middle])[:, None])
     steady = frames.quaternion_product(quaternion[middle], turn)
-    return frames.rotation_vector(frames.quaternion_product(frames.conjugate(steady), quaternion)), rate
+    return frames.attitude_error(quaternion, steady), rate
 
 
 def late(one: Records, inertia_b) -> int:
@@ -145,8 +145,8 @@ def late(one: Records, inertia_b) -> int:
     Squares of the correlation of the rate with steps J^-1 L at the firings, by lag, over the power of the rate.
     """
     camera, hold = one.camera, max(int(round(one.camera.step_s)), 1)
-    steps, turned = np.diff(camera.time), frames.conjugate(camera.quaternion[:-1])
-    rate = frames.rotation_vector(frames.quaternion_product(turned, camera.quaternion[1:])) / steps[:, None]
+    steps = np.diff(camera.time)
+    rate = frames.attitude_error(camera.quaternion[1:], camera.quaternion[:-1]) / steps[:, None]
     count = int(camera.time[-1] - camera.time[0]) + 1 + hold
     known, place = steps < 1.5 * camera.step_s, (camera.time[:-1] - camera.time[0]).astype(int)
     if count < 2 * LONGEST_S or not known.any():

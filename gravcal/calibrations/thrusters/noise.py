@@ -47,9 +47,9 @@ def on_grid(observed: xr.Dataset, mounting) -> tuple[np.ndarray, dict[int, np.nd
         at = np.rint((time - time[0]) / step + np.rint((time[0] - first) / step)).astype(int)
         ends = np.clip(np.arange(time.size) + np.array([[-AROUND], [AROUND]]), 0, time.size - 1)
         span = time[ends[1]] - time[ends[0]]
-        turned = frames.quaternion_product(frames.conjugate(quaternion[ends[0]]), quaternion[ends[1]])
+        turned = frames.attitude_error(quaternion[ends[1]], quaternion[ends[0]])
         kept = (at < grid.size) & (span < 4 * AROUND * step)
-        late = ((first + step * at - time) / span)[:, None] * frames.rotation_vector(turned)
+        late = ((first + step * at - time) / span)[:, None] * turned
         moved = frames.quaternion_product(quaternion, frames.from_rotation_vector(late))
         attitudes[head] = np.full((grid.size, 4), np.nan)
         attitudes[head][at[kept]] = moved[kept]

@@ -13,6 +13,7 @@ from gravcal.calibrations.thrusters import estimate, model
 from gravcal.calibrations.thrusters.model import Firings, Segment
 from gravcal.effects import Context, effect
 from gravcal.estimation.records import Block, Candidate, Entry, Observations, Parameter, Reported
+from gravcal.estimation.resampling import lines_between
 from gravcal.physics import frames, orbit_environment
 
 #: In the model where firings at wrong times are tried, if they are there.
@@ -123,8 +124,8 @@ class Attitude(Observations):
             time = segment.camera.time
             lit = np.interp(time, orbit, light)
             in_light.append(segment.sharp(segment.after_torque(lit[:, None, None] * np.eye(3))))
-            field_i = np.stack([np.interp(time, orbit, component) for component in field.T], axis=1)
-            field_b = np.matvec(frames.R_bi_from_quaternion(segment.camera.quaternion), field_i)
+            R_bi = frames.R_bi_from_quaternion(segment.camera.quaternion)
+            field_b = np.matvec(R_bi, lines_between(time, orbit, field))
             each = dipole.columns(Context(time=time, dipole_b=np.zeros((time.size, 3))))
             torque = np.cross(np.moveaxis(each, 2, 1), field_b[:, None, :])
             of_dipole.append(segment.after_torque(np.moveaxis(torque, 1, 2)))
