@@ -284,20 +284,16 @@ class Place:
     def verified(self, plan, flights, causes=()):
         """Errors that simulated flights of a plan achieve: mean sigma, rms of the error, of each value.
 
-        With causes as many more flights, and which causes a search of each tells apart.
+        With causes as many more flights, in each of which one acts by turns, every parameter at its plausible size with
+        a drawn sign, for which the odds are: for each pair how many searches of flights with one of them name it apart
+        from the other, or "falsely" the other without it.
         """
         self.say(f"{flights} flights to check")
         found, _ = self.errors(plan, range(101, 101 + flights))
         sigma, error, _ = zip(*found.values(), strict=True)
         made = {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
-        return made | ({"separated": self.separations(plan, flights, causes)} if causes else {})
-
-    def separations(self, plan, flights, causes):
-        """Rows of pairs of causes: of so many flights with one of them how many name it apart from the other.
-
-        In each flight one cause acts by turns, every parameter at its plausible size with a drawn sign, for which the
-        odds are. "falsely": the other is named without it.
-        """
+        if not causes:
+            return made
         search, rng = discover.as_calibration(self.one.name), np.random.default_rng(flights)
         rows = {pair: np.zeros(3, dtype=int) for pair in itertools.combinations(causes, 2)}
         for k, slug in zip(range(flights), itertools.cycle(causes), strict=False):
@@ -314,7 +310,8 @@ class Place:
                     row += 1, right, not right and any(other in one for one in sets if slug not in one)
             shutil.rmtree(self.folder / f"search-{k}")
         names = "flights", "separated", "falsely"
-        return [{"causes": list(pair)} | dict(zip(names, map(int, row), strict=True)) for pair, row in rows.items()]
+        told = {pair: dict(zip(names, map(int, row), strict=True)) for pair, row in rows.items()}
+        return made | {"separated": [{"causes": list(pair)} | one for pair, one in told.items()]}
 
 
 def _settled(rows, names):

@@ -191,24 +191,20 @@ def _write(out, document):
 
 def _drawn(out, document, item, run):
     """Figures of a run as they stand in a page: of a section of its report, or of a table over the years."""
-    if "series" in item:
-        return FIGURE.findall(_series(document, item["series"], run))
+    if "series" in item:  # table over the years: printed values, those of a run, and the mass trims
+        one, points = command.record(document["calibration"]), []
+        letter = papers()[one.name]["satellite"]
+        table = next(other for other in document["items"] if other["name"] == item["series"])
+        unit = table["unit"].replace("um", "µm")
+        for name, mood in (("printed", "printed"), (run, document["origin"])):
+            for row in (row for row in table["rows"] if row[name][0] is not None):
+                date, axis = re.search(r"(\d{4}-\d\d-\d\d).* (\w)$", row["row"]).groups()
+                said = datetime.datetime.fromisoformat(date), *row[name], "", mood, document["doi"]
+                points.append(timeline.Point(letter, axis, unit, *said))
+        trims = [(letter, trim) for trim in timeline.trims(letter)]
+        return FIGURE.findall(history.history(one.quantity, points, trims, one.band)[1])
     parts = re.split(r"<h2[^>]*>", (out / run / "report.html").read_text(encoding="utf-8"))[1:]
     return FIGURE.findall(next((part for part in parts if part.startswith(item["report"])), ""))
-
-
-def _series(document, table, run):
-    """Page of a table over the years: printed values, those of a run, and the mass trims."""
-    one, points = command.record(document["calibration"]), []
-    letter = papers()[one.name]["satellite"]
-    item = next(item for item in document["items"] if item["name"] == table)
-    unit = item["unit"].replace("um", "µm")
-    for name, mood in (("printed", "printed"), (run, document["origin"])):
-        for row in (row for row in item["rows"] if row[name][0] is not None):
-            date, axis = re.search(r"(\d{4}-\d\d-\d\d).* (\w)$", row["row"]).groups()
-            said = datetime.datetime.fromisoformat(date), *row[name], "", mood, document["doi"]
-            points.append(timeline.Point(letter, axis, unit, *said))
-    return history.history(one.quantity, points, [(letter, trim) for trim in timeline.trims(letter)], one.band)[1]
 
 
 def _pictures(out, name, item, drawn):
