@@ -270,9 +270,22 @@ def page(document, moves, history) -> str:
     """Page of a joint search."""
     drawn = replace(_motion_figure, arguments=(document, moves, history))
     ties = [{"named": one["cause"]} | tie for one in document["causes"] for tie in one["separation"]]
+    shared_by, apart = [], []
+    for one in document["causes"]:
+        held, repeats = "" if one["heldout"] is None else f"{one['heldout']:.0f}", one["repeats"]
+        told = _scope(one["scope"]), f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""
+        shared_by.append([words.title(one["cause"]), *told])
+        for values in one["values"]:
+            shared_by += parameter_rows((f"{n}, {values['of']}", *p.values()) for n, p in values["parameters"].items())
+        said = "repeats" if repeats["said"] else "does not repeat"
+        apart.append([words.title(one["cause"]), "", said, f"{repeats['chi2']:.1f} of {repeats['dof']}"])
+        for own in one["by_event"]:
+            known = [(name, quantity(**p)) for name, p in own["parameters"].items() if p["value"] is not None]
+            apart += [[None, f"{own['event']} {name}", told, ""] for name, told in known]
+    causes = [WORDS.table("causes", shared_by, tried=document["tried"]), WORDS.table("apart", apart)]
     made = [
         Section("How the calibration moves", [_motion_table(document), _event_table(document)], [drawn]),
-        Section("Causes that events share", [_cause_table(document), _apart_table(document)]),
+        Section("Causes that events share", causes),
         Section("Ties", [WORDS.table("ties", ties)], notes=[WORDS.note("ties")]),
         Section("Contradictions", [WORDS.table("contradictions", document)], notes=[WORDS.note("alone")]),
     ]
@@ -324,25 +337,3 @@ def _motion_table(document):
         for cause, v in (one["follows"] or {}).items():
             rows.append([None, f"per unit of {cause}", "", plus_minus(**v) if v else "none seen", ""])
     return WORDS.table("motion", rows, unit=document["unit"])
-
-
-def _cause_table(document):
-    rows = []
-    for one in document["causes"]:
-        held = "" if one["heldout"] is None else f"{one['heldout']:.0f}"
-        told = _scope(one["scope"]), f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""
-        rows.append([words.title(one["cause"]), *told])
-        for values in one["values"]:
-            rows += parameter_rows((f"{n}, {values['of']}", *p.values()) for n, p in values["parameters"].items())
-    return WORDS.table("causes", rows, tried=document["tried"])
-
-
-def _apart_table(document):
-    rows = []
-    for one in document["causes"]:
-        chi2 = f"{one['repeats']['chi2']:.1f} of {one['repeats']['dof']}"
-        rows.append([words.title(one["cause"]), "", "repeats" if one["repeats"]["said"] else "does not repeat", chi2])
-        for own in one["by_event"]:
-            known = [(name, quantity(**p)) for name, p in own["parameters"].items() if p["value"] is not None]
-            rows += [[None, f"{own['event']} {name}", told, ""] for name, told in known]
-    return WORDS.table("apart", rows)
