@@ -148,21 +148,15 @@ def printed_of(calibration: str, event: str | None = None) -> dict[str, list[dic
     return {section: [plain(one) for one in records] for section, records in own.items() if records}
 
 
-def product_keys(ref) -> dict[str, str]:
-    """Keys of all products that a product was made from, by stage name, the nearest of a name."""
-    records, found = store.ancestry(ref.key), {}
+def document(ref, name="result.json") -> dict:
+    """Document that was delivered with a product, with the keys of all it was made from by stage, the nearest."""
+    found, records, made_of = json.loads((ref.folder / name).read_text()), store.ancestry(ref.key), {}
     if records[ref.key] is None:
         raise ProductError(f"{ref.name} ({ref.path}): its record was damaged since it was found. Run again.")
     for part, label in (pair for record in records.values() if record for pair in store.inputs(record)):
         if "key" in part:
-            found.setdefault(".".join(filter(None, (label["kind"], label["variant"]))), part["key"])
-    return dict(sorted(found.items()))
-
-
-def document(ref, name="result.json") -> dict:
-    """Document that was delivered with a product, with the keys of everything the product was made from."""
-    found = json.loads((ref.folder / name).read_text())
-    found["provenance"] |= {"key": ref.key, "products": product_keys(ref)}
+            made_of.setdefault(".".join(filter(None, (label["kind"], label["variant"]))), part["key"])
+    found["provenance"] |= {"key": ref.key, "products": dict(sorted(made_of.items()))}
     return found
 
 

@@ -91,7 +91,17 @@ def check(dataset, kind):
     labels = {n: _labels(n, own, stated[n], f"{kind}, variable {n}") for n, own in dataset.variables.items()}
     labelled = settled(dataset, labels, without_provenance(dataset.attrs))
     for name, variable in labelled.variables.items():
-        _check_variable(variable, stated[name], f"{kind}, variable {name}")
+        where, said = f"{kind}, variable {name}", stated[name]
+        dims = tuple(said["dims"].split()) if "dims" in said else variable.dims
+        form = "str" if variable.dtype == object else variable.dtype.str.lstrip("<>|=")
+        wanted = said.get("dtype", "f8") if said else form
+        if variable.dims != dims or form != wanted:
+            refuse(where, f"{form} over {variable.dims}", f"{wanted} over {dims}", CHANGE)
+        allowed = said.get("units", ())
+        if isinstance(allowed, tuple) and allowed and variable.attrs.get("units") not in allowed:
+            refuse(where, f"units {variable.attrs.get('units')!r}", f"one of {', '.join(allowed)}", CHANGE)
+        if form != "str" and "units" not in variable.attrs:
+            refuse(where, "no units", "those of the schema", "State them; '1' for a pure number or a flag.")
         if is_time(name, variable):
             values = variable.values
             wrong = ~np.isfinite(values) | np.append(False, np.diff(values) <= 0)[: values.size]
@@ -174,20 +184,6 @@ def _labels(name, variable, stated, where):
         if label in own and label in known and own[label] != known[label]:
             refuse(where, f"{label} is {own[label]!r}, the schema says {known[label]!r}", "the same", "Convert it.")
     return known | own | {label: known[label] for label in ("units", "frame") if label in known}
-
-
-def _check_variable(variable, stated, where):
-    """Raise unless dimensions, type and labels of one variable are right."""
-    dims = tuple(stated["dims"].split()) if "dims" in stated else variable.dims
-    kind = "str" if variable.dtype == object else variable.dtype.str.lstrip("<>|=")
-    expected = stated.get("dtype", "f8") if stated else kind
-    if variable.dims != dims or kind != expected:
-        refuse(where, f"{kind} over {variable.dims}", f"{expected} over {dims}", CHANGE)
-    allowed = stated.get("units", ())
-    if isinstance(allowed, tuple) and allowed and variable.attrs.get("units") not in allowed:
-        refuse(where, f"units {variable.attrs.get('units')!r}", f"one of {', '.join(allowed)}", CHANGE)
-    if kind != "str" and "units" not in variable.attrs:
-        refuse(where, "no units", "those of the schema", "State them; '1' for a pure number or a flag.")
 
 
 def _settled_attributes(attributes):
