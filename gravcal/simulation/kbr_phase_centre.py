@@ -109,9 +109,22 @@ def draw_pair(chosen, day: float, rng) -> Pair:
     if wiggles and wiggles[-1].stop > day + constants.DAY - 400:
         found = f"sub-manoeuvres until {wiggles[-1].stop - day:.0f} s"
         refuse("wiggles of a day", found, "an end 400 s before midnight", "Lower quiet_s, or fly less.", CatalogError)
-    path = _paths(chosen, day, rng)
+    # two bodies on one orbit, the second some seconds behind or ahead: both obey the same field exactly
+    angles = rng.uniform(0, 2 * np.pi, 2)
+    inclination = np.radians(chosen.inclination_deg)
+    state = flight.initial_state(chosen.altitude_km * 1e3, inclination, chosen.eccentricity, *angles)
+    lag = chosen.separation_km * 1e3 / np.linalg.norm(state[3:])
+    begin = day - 2 * EDGE - lag
+    nodes = begin + 10.0 * np.arange(int((constants.DAY + 4 * EDGE + 2 * lag) / 10) + 2)
+    states = flight.fly_orbit(state, begin, nodes[-1])(nodes)
+    spline = make_interp_spline(nodes - begin, states[:, :3], k=9)
+    speed = spline.derivative()
+
+    def follow(delay):
+        return lambda t: np.concatenate([spline(t - begin - delay), speed(t - begin - delay)], axis=1)
+
     pointing = tuple(_pointing(chosen, day, [one for one in wiggles if one.satellite == k], rng) for k in (0, 1))
-    return Pair(day, path, pointing, tuple(wiggles))
+    return Pair(day, (follow(0.0), follow(lag)), pointing, tuple(wiggles))
 
 
 def _planned(chosen):
@@ -169,24 +182,6 @@ def measured_noise(usual, _known, measured) -> dict:
     found = {"orbit_red_m": np.exp(fitted[0]), "orbit_red_slope": fitted[1], "ranging_noise_m": np.exp(fitted[2])}
     found |= {"star_camera_white_rad": np.sqrt(power / 2), "noise_scale": 1.0}
     return {name: float(value) for name, value in found.items()}
-
-
-def _paths(chosen, day, rng):
-    """Two bodies on one orbit, the second some seconds behind or ahead: both obey the same field exactly."""
-    angles = rng.uniform(0, 2 * np.pi, 2)
-    inclination = np.radians(chosen.inclination_deg)
-    state = flight.initial_state(chosen.altitude_km * 1e3, inclination, chosen.eccentricity, *angles)
-    lag = chosen.separation_km * 1e3 / np.linalg.norm(state[3:])
-    begin = day - 2 * EDGE - lag
-    nodes = begin + 10.0 * np.arange(int((constants.DAY + 4 * EDGE + 2 * lag) / 10) + 2)
-    states = flight.fly_orbit(state, begin, nodes[-1])(nodes)
-    spline = make_interp_spline(nodes - begin, states[:, :3], k=9)
-    speed = spline.derivative()
-
-    def follow(delay):
-        return lambda t: np.concatenate([spline(t - begin - delay), speed(t - begin - delay)], axis=1)
-
-    return follow(0.0), follow(lag)
 
 
 def _pointing(chosen, day, wiggles, rng):
