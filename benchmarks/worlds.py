@@ -527,9 +527,9 @@ def of_both(*campaigns) -> Iterator:
 
 
 def _shorter(half, kept):
-    stretch = dataclasses.replace(half.stretch, place=half.stretch.place[kept], lever=half.stretch.lever[kept])
     rows = np.arange(half.rows.start, half.rows.stop)[kept]
-    return dataclasses.replace(half, rows=rows, time=half.time[kept], slow=half.slow[kept], stretch=stretch)
+    parts = {name: getattr(half, name)[kept] for name in ("time", "slow", "place", "lever")}
+    return dataclasses.replace(half, rows=rows, **parts)
 
 
 def rows_of(observed, like) -> list:

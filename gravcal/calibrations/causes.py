@@ -9,6 +9,7 @@ import numpy as np
 from gravcal.effects import Effect, effect
 from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate, Entry, Observations, Parameter
+from gravcal.estimation.resampling import on_even_grid
 
 Columns = list[np.ndarray | None]
 SPIKE = 12.0  # times the median distance from the median, 8 sigma
@@ -103,9 +104,7 @@ def of_late_orbit(
     both = np.column_stack([left, change, left - delay.value * change])
     away = np.abs(both[:, 2] - np.nanmedian(both[:, 2]))
     step = np.median(np.diff(time))
-    place = np.rint((time - time[0]) / step).astype(int)
-    even = np.full((place[-1] + 1, 3), np.nan)
-    even[place] = np.where((away <= SPIKE * np.nanmedian(away))[:, None], both, np.nan)
+    even = on_even_grid(time, step, np.where((away <= SPIKE * np.nanmedian(away))[:, None], both, np.nan))
     known = np.flatnonzero(np.isfinite(even[:, 2]))
     known = np.array_split(known, np.clip(known.size // ROWS, 2, PARTS))
     blocks, columns = [], []

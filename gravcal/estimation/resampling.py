@@ -66,6 +66,14 @@ def lines_between(at: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.nd
     return np.stack([np.interp(at, time, column) for column in values.T], axis=1)
 
 
+def on_even_grid(time: np.ndarray, step: float, values: np.ndarray) -> np.ndarray:
+    """Values (n, ...) at their places on the even grid from the first epoch to the last, NaN where missing."""
+    place = np.rint((time - time[0]) / step).astype(int)
+    grid = np.full((place[-1] + 1, *values.shape[1:]), np.nan)
+    grid[place] = values
+    return grid
+
+
 def bin_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Means (b, ...) over bins of values (n, ...), NaN where a bin is empty, and samples in each (b,).
 

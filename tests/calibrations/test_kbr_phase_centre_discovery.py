@@ -110,7 +110,7 @@ def test_x_of_a_satellite_that_does_not_turn_keeps_its_information():
     view, nothing = observed.view, np.zeros((observed.view.residual.size, 0))
     free = [np.column_stack([half.slow, view.column[half.rows]]) for half in view.parts]  # and no candidate beside it
     left = [(view.residual[h.rows], own, nothing[h.rows]) for h, own in zip(view.parts, free, strict=True)]
-    fitted = noise.with_restricted(view.measured, [half.stretch for half in view.parts], left)
+    fitted = noise.with_restricted(view.measured, view.parts, left)
     assert np.all(fitted["pointing_power"].values >= 0)
 
 

@@ -19,6 +19,7 @@ from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation import noise as noises
+from gravcal.estimation.resampling import on_even_grid
 
 LEAST_DEGREE = 6  # fewer leave slow orbit errors of a short stretch, which raise the density at 4 mHz up to 80 times
 SHORTEST = 60  # epochs of a stretch that says something of the noise
@@ -108,14 +109,6 @@ def _left(values, columns):
     good, left = np.isfinite(values), np.full(values.size, np.nan)
     left[good] = least_squares.without(least_squares.orthonormal(columns[good]), values[good])
     return left
-
-
-def on_even_grid(time: np.ndarray, step: float, values: np.ndarray) -> np.ndarray:
-    """Values (n, ...) at their places on the even grid from the first epoch to the last, NaN where missing."""
-    place = np.rint((time - time[0]) / step).astype(int)
-    grid = np.full((place[-1] + 1, *values.shape[1:]), np.nan)
-    grid[place] = values
-    return grid
 
 
 def density(pieces: list[np.ndarray], step_s: float, frequency_hz: np.ndarray) -> np.ndarray:
@@ -318,21 +311,16 @@ def covariance_matrix(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.
     return covariance
 
 
-@dataclass(frozen=True)
-class Stretch:
-    """Epochs of observations of the range: numbers (n,) on an even grid, and levers (n, 1, 4) m per radian."""
-
-    place: np.ndarray
-    lever: np.ndarray
-
-
 def factor(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.ndarray:
     """Lower Cholesky factor (n, n) of `covariance_matrix`."""
     return cholesky(covariance_matrix(by_lag, place, lever), lower=True, overwrite_a=True, check_finite=False)
 
 
-def factors(measured: xr.Dataset, stretches: list[Stretch]) -> list[np.ndarray]:
-    """Lower Cholesky factor (n, n) m of the noise of the range in each stretch."""
+def factors(measured: xr.Dataset, stretches: list) -> list[np.ndarray]:
+    """Lower Cholesky factor (n, n) m of the noise of the range in each stretch.
+
+    Stretches have the numbers of epochs on an even grid, `place` (n,), and `lever` (n, 1, 4) m per radian.
+    """
     by_lag = lags(measured, 0, max((int(one.place[-1]) for one in stretches), default=0) + 3)
     return [factor(by_lag, one.place, one.lever) for one in stretches]
 
@@ -343,7 +331,7 @@ def white(lower: np.ndarray, columns: np.ndarray) -> np.ndarray:
 
 
 def with_restricted(
-    measured: xr.Dataset, stretches: list[Stretch], residuals: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
+    measured: xr.Dataset, stretches: list, residuals: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
 ) -> xr.Dataset:
     """Noise product with the noise of the manoeuvres beside all candidates, by restricted maximum likelihood.
 

@@ -60,7 +60,8 @@ class Half:
     rows: slice  #: places in the observations of all halves, one after the other
     time: np.ndarray  #: (n,) s
     slow: np.ndarray  #: (n, k) columns of slow orbit error and biases, not whitened
-    stretch: noise.Stretch  #: its epochs and levers
+    place: np.ndarray  #: (n,) numbers of the epochs on an even grid
+    lever: np.ndarray  #: (n, 1, 4) m, per radian
 
     def feels(self, epoch: float) -> bool:
         """True if the filter carries a break at an epoch into this half."""
@@ -118,12 +119,12 @@ class Halves:
         baselines = (np.column_stack([half.slow, self.column[half.rows]]) for half in self.parts)
         parts = zip(self.parts, baselines, strict=True)
         residuals = [(self.residual[half.rows], baseline, tried[half.rows]) for half, baseline in parts]
-        return noise.with_restricted(self.measured, [half.stretch for half in self.parts], residuals)
+        return noise.with_restricted(self.measured, self.parts, residuals)
 
     @functools.cached_property
     def factors(self) -> list[np.ndarray]:
         """Lower Cholesky factor (n, n) m of the noise of each half."""
-        return noise.factors(self.fitted, [half.stretch for half in self.parts])
+        return noise.factors(self.fitted, self.parts)
 
     def white(self, columns: np.ndarray) -> list[np.ndarray | None]:
         """Whitened columns of every block from those of all rows (m, q); none of what is known beforehand."""
@@ -236,7 +237,7 @@ def _cut(equations, orbit_degree, step):
             slow = noise.slow_columns(at[rows], segment[rows], degree, 0)
             if rows.size > slow.shape[1] + LEAST:
                 place = np.rint((at[rows] - at[rows[0]]) / step).astype(int)
-                about = slice(first, first + rows.size), at[rows], slow, noise.Stretch(place, lever[rows, :1])
+                about = slice(first, first + rows.size), at[rows], slow, place, lever[rows, :1]
                 halves.append(Half(number, f"{name} {part}", *about))
                 places.append(rows)
                 first += rows.size

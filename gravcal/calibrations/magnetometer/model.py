@@ -14,6 +14,7 @@ from gravcal.effects.sensors import OF_MAGNETOMETER, OF_WARMTH
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten
+from gravcal.estimation.resampling import on_even_grid
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 SCHEMAS = schemas.of("magnetometer.toml")
@@ -168,9 +169,8 @@ def placed(time: np.ndarray, step: float) -> np.ndarray:
 
 def noise_of(rest: np.ndarray, place: np.ndarray, order: int, floor: float, removed: int) -> NoiseModel:
     """Noise model of a residual (n,) T of a fit of so many parameters, never below a floor T."""
-    grid = np.full(place[-1] + 1, np.nan)
-    grid[place] = rest
-    found = fit_noise([grid], min(order, rest.size // SAMPLES_PER_COEFFICIENT), 1.0, removed)
+    order = min(order, rest.size // SAMPLES_PER_COEFFICIENT)
+    found = fit_noise([on_even_grid(place, 1.0, rest)], order, 1.0, removed)
     if found.variance[0] < floor**2:
         least = max(found.variance[0], 1e-6 * floor**2)
         return replace(found, variance=np.maximum(found.variance * floor**2 / least, 1e-6 * floor**2))

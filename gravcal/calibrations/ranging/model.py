@@ -20,6 +20,7 @@ from gravcal.effects.ranging import BANDS_HZ
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation.noise import filtered, fit_noise, in_bands, log_linear
+from gravcal.estimation.resampling import on_even_grid
 from gravcal.physics import orbit_environment
 
 SCHEMAS = schemas.of("ranging.toml")
@@ -165,10 +166,8 @@ def blocks(
         refuse(rows.attrs["ranging"], found, expected, "Give a longer record.", EstimationError)
     places = [np.rint((time[part] - time[part[0]]) / step).astype(int) for part in parts]
     slow = [least_squares.polynomial(time[part], range_degree, time[part[0]], time[part[-1]]) for part in parts]
-    series = []
-    for part, place, columns in zip(parts, places, slow, strict=True):
-        series.append(np.full(place[-1] + 1, np.nan))
-        series[-1][place] = least_squares.without(columns, observed[part] - observed[part[0]])
+    series = [least_squares.without(s, observed[p] - observed[p[0]]) for p, s in zip(parts, slow, strict=True)]
+    series = [on_even_grid(time[part], step, one) for part, one in zip(parts, series, strict=True)]
     frequency = np.linspace(0, 0.5 / step, BINS + 1)
     removed = sum(one.shape[1] for one in slow)
     density = [fit_noise(series, noise_order, step, removed).density(frequency)] * len(parts)
