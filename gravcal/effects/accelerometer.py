@@ -77,13 +77,10 @@ _MODE = (
     Parameter("damping", "1", "damping ratio", 0.01, neutral=0.02, lower=0.0),
     *pairs("m", "reading of {0[0]} per angular acceleration about {0[7]} that lasts", 1e-4),
 )
-
-
-@law("accelerometer.flexible_mode", "linear_b", _MODE, "elastic mounting", linear=False)
-def _flexible(context: Context, values):
-    """Deflection under angular acceleration a: x'' + 2 z w x' + w^2 x = w^2 a, reading c x."""
-    frequency, damping, *size = values
-    return deflection(context.time, context.angular_b, frequency, damping) @ np.array(size).reshape(3, 3).T
+# Deflection under angular acceleration a: x'' + 2 z w x' + w^2 x = w^2 a, reading c x.
+law("accelerometer.flexible_mode", "linear_b", _MODE, "elastic mounting", linear=False)(
+    lambda context, values: deflection(context.time, context.angular_b, *values[:2]) @ np.reshape(values[2:], (3, 3)).T
+)
 
 
 @njit(cache=True)

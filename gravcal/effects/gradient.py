@@ -25,36 +25,28 @@ law("gradient.mounting", "linear_each_b", _PLACE, SOURCE)(
     lambda context, values: _each(context, np.matvec(tensor(context), values))
 )
 _APART = axes("", "m", "distance from the second test mass to the first beyond what is stated, along", 1e-3)
-
-
-@law("gradient.separation", "linear_each_b", _APART, SOURCE)
-def _separation(context: Context, values):
-    """Two sensors that are further apart than stated, half of it in each."""
-    share = np.array([0.5, -0.5]) if len(context.extra["positions"]) == 2 else np.zeros(1)
-    return share[:, None] * np.matvec(tensor(context), values)[:, None]
-
-
+# Two sensors that are further apart than stated, half of it in each.
+law("gradient.separation", "linear_each_b", _APART, SOURCE)(
+    lambda context, values: (
+        np.array([[0.5], [-0.5]] if len(context.extra["positions"]) == 2 else [[0.0]])
+        * np.matvec(tensor(context), values)[:, None]
+    )
+)
 _SHARE = (Parameter("scale", "1", "relative excess of the gravity gradient", 1e-3),)
-
-
-@law("gradient.field_scale", "linear_each_b", _SHARE, SOURCE)
-def _field_scale(context: Context, values):
-    """Gravity gradient larger than modelled, felt at each sensor's place."""
-    places = context.extra["positions"]
-    return np.stack([-values[0] * np.matvec(context.gradient_b, place) for place in places], axis=1)
-
-
+# Gravity gradient larger than modelled, felt at each sensor's place.
+law("gradient.field_scale", "linear_each_b", _SHARE, SOURCE)(
+    lambda context, values: -values[0] * np.matvec(context.gradient_b[:, None], context.extra["positions"])
+)
 _WAVE = (
     Parameter("cosine", "1", "excess of C_nm, of degree and order 2 if no others are named,", 1e-8),
     Parameter("sine", "1", "excess of S_nm, likewise,", 1e-8),
 )
-
-
-@law("gradient.tesseral", "linear_each_b", _WAVE, SOURCE)
-def _tesseral(context: Context, values):
-    """Gradient of coefficients that the model does not know, felt at each sensor's place."""
-    excess = np.einsum("p,npij->nij", np.asarray(values, dtype=float), context.extra["tesseral_b"])
-    return np.stack([-np.matvec(excess, place) for place in context.extra["positions"]], axis=1)
+# Gradient of coefficients that the model does not know, felt at each sensor's place.
+law("gradient.tesseral", "linear_each_b", _WAVE, SOURCE)(
+    lambda context, values: (
+        -np.einsum("p,npij,kj->nki", values, context.extra["tesseral_b"], np.asarray(context.extra["positions"]))
+    )
+)
 
 
 def tesseral(position_e: np.ndarray, R_be: np.ndarray, degree: int = 2, order: int = 2) -> np.ndarray:

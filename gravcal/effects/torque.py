@@ -84,15 +84,12 @@ law("torque.inertia", "torque_b", _MOMENT, f"{_EULER}; no inertia is published",
     lambda context, values: -np.asarray(values) / (1 + np.asarray(values)) * np.cross(context.dipole_b, context.field_b)
 )
 _PRODUCTS = each(("xy", "xz", "yz"), "kg m2", "product of inertia J_{0}", 5.0)
-
-
-@law("torque.inertia_products", "torque_b", _PRODUCTS, _EULER)
-def _products(context: Context, values):
-    """Products of inertia that the model has not: t = -P J^-1 (m x B)."""
-    alpha = np.linalg.solve(context.inertia_b, np.cross(context.dipole_b, context.field_b).T).T
-    return -np.matvec(symmetric(*values), alpha)
-
-
+# Products of inertia that the model has not: t = -P J^-1 (m x B).
+law("torque.inertia_products", "torque_b", _PRODUCTS, _EULER)(
+    lambda context, values: (
+        -(symmetric(*values) @ np.linalg.solve(context.inertia_b, np.cross(context.dipole_b, context.field_b).T)).T
+    )
+)
 _EXCESS = axes("", "1", "relative excess of the gravity-gradient torque about", 0.05)
 # Excess of the gravity-gradient torque, vex(J G - G J).
 law("torque.gravity_gradient", "torque_b", _EXCESS, "S-GRS paper eq. 1; equations.md (M2)")(

@@ -203,16 +203,11 @@ def kernel_tables(series):
         for k, K in enumerate(series):
             table[m, : n.size, 2 * k] = sectorial[m] * K[n, m].real
             table[m, : n.size, 2 * k + 1] = -sectorial[m] * K[n, m].imag
-        alpha[m, 1 : n.size], beta[m, 1 : n.size] = _factors(n[1:].astype(float), m)
-    return table, alpha, beta
-
-
-def _factors(n, m):
-    """Factors alpha and beta of the recursion over the degree."""
-    outer = np.sqrt((2 * n - 1) * (2 * n + 1) / ((n - m) * (n + m)))
-    with np.errstate(invalid="ignore"):
+        n = n[1:].astype(float)
+        alpha[m, 1 : n.size + 1] = np.sqrt((2 * n - 1) * (2 * n + 1) / ((n - m) * (n + m)))
         inner = (2 * n + 1) * (n + m - 1) * (n - m - 1) / ((2 * n - 3) * (n + m) * (n - m))
-    return outer, np.sqrt(np.where(n > m + 1, inner, 0.0))
+        beta[m, 1 : n.size + 1] = np.sqrt(inner)
+    return table, alpha, beta
 
 
 BLOCK = 128  # points side by side: a row of the recursion and the sums stay in the nearest memory

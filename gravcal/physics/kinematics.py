@@ -69,9 +69,7 @@ def published_rates_from_attitude(time, quaternion):
     R_ib = np.swapaxes(frames.R_bi_from_quaternion(check_shape("quaternion", quaternion, (time.size, 4))), -1, -2)
     R, R_dot = (R_ib[2:] + R_ib[:-2]) / 2, _central(time, R_ib)
     rate, rate_dot = np.full((2, time.size, 3), np.nan)
-    for axis in range(3):
-        j, k = (axis + 1) % 3, (axis + 2) % 3
-        rate[1:-1, axis] = np.einsum("nk,nk->n", R_dot[:, :, j], R[:, :, k])
+    rate[1:-1] = np.einsum("nki,nki->ni", R_dot[:, :, [1, 2, 0]], R[:, :, [2, 0, 1]])
     rate_dot[1:-1] = _central(time, rate)
     return rate, rate_dot
 
