@@ -195,7 +195,10 @@ def _manoeuvre(products, index, window, estimates, settings):
     offset, noise = estimates
     sampled = at_one_hertz(field_, *window.arc.edges[[0, -1]])
     about = sensitivity[:, :, :6], local, sensitivity[:, :3, 6:9], shift, seen
-    pads = _pads(aligned, index, first, last)
+    start, stop = aligned["start"].values, aligned["stop"].values  # pads reach up to half way to the next manoeuvre
+    begin = [first - PADS_S, *((stop[stop < first] + first) / 2), aligned["window_start"].values[index]]
+    end = [last + PADS_S, *((start[start > last] + last) / 2), aligned["window_stop"].values[index]]
+    pads = slice(*np.searchsorted(aligned["time_acc"].values, [max(begin), min(end)]))
     wide = _wide(aligned, field_, pads, rows, context, orbit)
     degree = round(settings["linear_drift_degree"] * np.ptp(wide.time) / (last - first))
     read = (aligned["acc_flag"].values == 0) & np.isfinite(aligned["linear_b"].values).all(axis=1)
@@ -204,15 +207,6 @@ def _manoeuvre(products, index, window, estimates, settings):
     context, wide = (replace(one, linear_b=law.contribution(one, offset)) for one in (context, wide))
     now = context, wide, pads, wide_operator, offset, degree, sampled, orbit
     return Manoeuvre(index, window, time, rows, operator, *about, noise, *now)
-
-
-def _pads(aligned, index, first, last):
-    """Rows (slice) of the linear reading from before to after a manoeuvre, up to half way to the next one."""
-    start, stop, time = aligned["start"].values, aligned["stop"].values, aligned["time_acc"].values
-    before, after = stop[stop < first], start[start > last]
-    begin = max([first - PADS_S, *((before + first) / 2), aligned["window_start"].values[index]])
-    end = min([last + PADS_S, *((after + last) / 2), aligned["window_stop"].values[index]])
-    return slice(*np.searchsorted(time, [begin, end]))
 
 
 def _wide(aligned, field_, pads, rows, context, orbit):

@@ -217,8 +217,7 @@ class GradientTorque(Observations):
             extended["linear"].values[:] += linear  # minus a reading is what the files hold
             extended["angular"].values[:] += angular
             if entry.cause == POINTING:
-                turn = -effect(POINTING).values(entry.values)
-                back = frames.from_rotation_vector(np.tile(turn, (self.about.time.size, 1)))
+                back = frames.from_rotation_vector(-effect(POINTING).values(entry.values))
                 extended["q"].values[:] = frames.quaternion_product(extended["q"].values, back)
         return extended.assign_attrs(model=" ".join(entry.cause for entry in model)) if model else extended
 
