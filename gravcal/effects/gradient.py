@@ -13,7 +13,7 @@ import numpy as np
 from gravcal.effects.base import Context, Effect, Laws, Parameter, axes
 from gravcal.physics import frames, gravity
 from gravcal.physics.constants import EARTH_RADIUS, GM
-from gravcal.physics.sensing import offset_tensor, proof_mass_reading
+from gravcal.physics.sensing import offset_tensor
 
 SOURCE = "S-GRS paper, eqs. 4-10 (errata S-2, S-3, S-5)"
 EFFECTS = Laws()
@@ -111,4 +111,4 @@ def tensor(about: Context) -> np.ndarray:
 
 def reading_of(about: Context, sensor: int) -> np.ndarray:
     """What the model says an accelerometer in the place of a sensor reads, (n, 3) m s-2."""
-    return proof_mass_reading(about.extra["non_gravitational_b"], tensor(about), about.extra["positions"][sensor])
+    return about.extra["non_gravitational_b"] + np.matvec(tensor(about), about.extra["positions"][sensor])

@@ -1,9 +1,7 @@
-"""What the sensors feel: the proof mass beside the centre of mass, the antenna in front of it.
+"""What the sensors feel: the proof mass beside the centre of mass reads f = a_ng + T p (equations.md, M1).
 
 Every offset p points from the satellite's centre of mass (CoM) to the sensor. The CoM paper's d is -p.
 """
-
-import numpy as np
 
 from gravcal.physics import check_shape
 from gravcal.physics.frames import cross_matrix
@@ -37,23 +35,3 @@ def rotation_tensor(rate_b, rate_dot_b):
     M = [w x]^2 + [w' x]; equations.md M1, Remote Sens. 2023, 15, 3817, eq. 13 (element 31 corrected, erratum T-1).
     """
     return cross_matrix(rate_b) @ cross_matrix(rate_b) + cross_matrix(rate_dot_b)
-
-
-def proof_mass_reading(nongravitational_b, tensor_b, com_to_proof_mass_b):
-    """Acceleration that holds the proof mass in its cage.
-
-    Parameters
-    ----------
-    nongravitational_b : (..., 3) m s-2, of the satellite's CoM
-    tensor_b : (..., 3, 3) s-2, from offset_tensor
-    com_to_proof_mass_b : (..., 3) m, constant
-
-    Returns
-    -------
-    reading_b : (..., 3) m s-2
-
-    Notes
-    -----
-    f = a_ng + (M - G) p; equations.md M1.
-    """
-    return nongravitational_b + np.matvec(tensor_b, com_to_proof_mass_b)

