@@ -193,18 +193,21 @@ def _coloured(bins, variance, count, step_s):
     return found
 
 
-def quiet_edges(aligned: xr.Dataset, bin_s: float, margin_s: float) -> list[np.ndarray]:
-    """Edges s of the bins before and after the swing, of each where there are more than twenty."""
+def quiet_edges(aligned: xr.Dataset, bin_s: float, margin_s: float, first: float | None = None) -> list[np.ndarray]:
+    """Edges s of the bins before and after the swing, of each where there are more than twenty.
+
+    Bins that go on from a first edge s have the aliases of fast lines in the phases of the others.
+    """
     ends = aligned.time.values[[0, -1]]
     spans = ((ends[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, ends[1]))
+    spans = [(a if first is None else a + (first - a) % bin_s, b) for a, b in spans]
     return [a + bin_s * np.arange(np.floor((b - a) / bin_s) + 1) for a, b in spans if b - a > 20 * bin_s]
 
 
-def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, bin_s: float, margin_s: float) -> list[np.ndarray]:
-    """Bin means before and after the swing of values (n, m) less a cubic of each, NaN where samples are missing."""
+def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, *bins: float) -> list[np.ndarray]:
+    """Means over `quiet_edges` of values (n, m), less a cubic of each side, NaN where samples are missing."""
     values = np.where((aligned.flag.values == 2).any(axis=1, keepdims=True), np.nan, values)
-    edges = quiet_edges(aligned, bin_s, margin_s)
-    blocks = [bin_means(aligned.time.values, values, one)[0] for one in edges]
+    blocks = [bin_means(aligned.time.values, values, one)[0] for one in quiet_edges(aligned, *bins)]
     for block in blocks:
         good = np.isfinite(block).all(axis=1)
         block[good] = least_squares.without(cubic(len(block))[good], block[good])

@@ -242,7 +242,8 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
     noise_b = fitted.unknowns.factors[fits.OWNER] * np.sqrt(swing.voltage_variance)
     rate_dot = np.where(rate_dot.std(axis=0) < STILL * noise_b, rate_dot.mean(axis=0), rate_dot)
     readout = electrodes.readouts(aligned["volts"].values)[:, :3]
-    quiet, edges = quiet_blocks(aligned, readout, bin_s, margin), quiet_edges(aligned, bin_s, margin)
+    bins = bin_s, margin, swing.edges[0]
+    quiet, edges = quiet_blocks(aligned, readout, *bins), quiet_edges(aligned, *bins)
     pieces = without_telegraph(quiet, [cubic(len(one)) for one in quiet])  # nor is a tone noise
     pieces, _ = without_lines(without_slow_lines(pieces, order, bin_s), bin_s)
     record = replace(record, rate_dot_b=rate_dot, noise=noise_models(pieces, order, bin_s))
