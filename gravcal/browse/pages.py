@@ -289,14 +289,9 @@ def placed(nodes):
         for row, name in enumerate(column):
             x, y = MARGIN + depth * ACROSS, MARGIN + ((tallest - len(column)) / 2 + row) * DOWN
             places[name] = (x, y, known[name])
-            lines += [_line(places[key], places[name]) for key in inputs[name]]
+            for key in inputs[name]:  # from the right of one box to the left of another; past columns it bends late
+                u, v, w = places[key][0] + WIDTH, places[key][1] + HEIGHT / 2, y + HEIGHT / 2
+                bend = (ACROSS - WIDTH) * (0.5 if x - places[key][0] == ACROSS else 0.9)
+                lines.append(f"M{u:.0f},{v:.0f} C{u + bend:.0f},{v:.0f} {x - bend:.0f},{w:.0f} {x:.0f},{w:.0f}")
     width = 2 * MARGIN + max(columns, default=0) * ACROSS + WIDTH
     return {"width": width, "height": 2 * MARGIN + tallest * DOWN, "boxes": list(places.values()), "lines": lines}
-
-
-def _line(start, stop):
-    """Curve from the right of one box to the left of another; one that passes columns bends late."""
-    x, y = start[0] + WIDTH, start[1] + HEIGHT / 2
-    u, v = stop[0], stop[1] + HEIGHT / 2
-    bend = (ACROSS - WIDTH) * (0.5 if u - start[0] == ACROSS else 0.9)
-    return f"M{x:.0f},{y:.0f} C{x + bend:.0f},{y:.0f} {u - bend:.0f},{v:.0f} {u:.0f},{v:.0f}"

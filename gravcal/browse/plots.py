@@ -234,7 +234,19 @@ def over_years(calibration, satellite: str) -> dict | None:
         one.yaxis.axis_label, one.xaxis.visible = f"{panel}\n({unit})", last
         one.add_tools(TapTool(callback=OpenURL(url="/event/@event", same_tab=True)))
         axes = {"x_range": one.x_range, "x_axis_type": "datetime"}
-        _values(one, [point for point in points if point.panel == panel])
+        here = [point for point in points if point.panel == panel]
+        frame = pd.DataFrame([asdict(point) for point in here])
+        spread = frame["sigma"].astype(float).fillna(0.0)
+        frame["low"], frame["high"] = frame["value"] - spread, frame["value"] + spread
+        frame["told"] = [rounded(point.value, point.sigma).replace("+-", "±") for point in here]
+        frame["printed"] = ["printed" if point.mood == "printed" else "" for point in here]
+        frame[["colour", "marker", "size", "filled"]] = [MOODS[point.mood] for point in here]
+        source = ColumnDataSource(frame.to_dict("list"))
+        one.segment("date", "low", "date", "high", source=source, color="colour", line_width=1.6)
+        look = {"marker": "marker", "size": "size", "line_color": "colour", "fill_color": "filled"}
+        marks = one.scatter("date", "value", source=source, **look)
+        tips = [("@printed", "@event"), ("", "@date{%F}"), ("value", "@told"), ("", "@said")]
+        one.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters={"@date": "datetime"}))
         for trim in (trim for trim in trims if trim.axis == panel):
             when = datetime.datetime.combine(trim.date, datetime.time(), datetime.UTC).timestamp() * 1e3
             dash = "dashed" if trim.confirmed else "dotted"  # where the printed series does not confirm it
@@ -249,19 +261,3 @@ def over_years(calibration, satellite: str) -> dict | None:
         drawn.append(one)
     drawn[0].x_range.default_span = 365 * 86400e3  # ms, where there is one event only
     return json_item(column(drawn, sizing_mode="stretch_width"), theme=THEME)
-
-
-def _values(panel, points):
-    """Values with their errors, ours and printed; form and colour say the verdict."""
-    frame = pd.DataFrame([asdict(one) for one in points])
-    spread = frame["sigma"].astype(float).fillna(0.0)
-    frame["low"], frame["high"] = frame["value"] - spread, frame["value"] + spread
-    frame["told"] = [rounded(one.value, one.sigma).replace("+-", "±") for one in points]
-    frame["printed"] = ["printed" if one.mood == "printed" else "" for one in points]
-    frame[["colour", "marker", "size", "filled"]] = [MOODS[one.mood] for one in points]
-    source = ColumnDataSource(frame.to_dict("list"))
-    panel.segment("date", "low", "date", "high", source=source, color="colour", line_width=1.6)
-    look = {"marker": "marker", "size": "size", "line_color": "colour", "fill_color": "filled"}
-    marks = panel.scatter("date", "value", source=source, **look)
-    tips = [("@printed", "@event"), ("", "@date{%F}"), ("value", "@told"), ("", "@said")]
-    panel.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters={"@date": "datetime"}))
