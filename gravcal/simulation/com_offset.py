@@ -118,9 +118,13 @@ def _starts(path, planned, chosen, day):
     """Times s at which each manoeuvre may start: its middle in its area, all of it in a window of the day."""
     time = np.arange(day + 600, day + constants.DAY - 1200, 10.0)
     position_e = np.matvec(earth.R_ei(time), path(time)[:, :3])
-    latitude = np.arcsin(position_e[:, 2] / np.linalg.norm(position_e, axis=1))
-    longitude = np.arctan2(position_e[:, 1], position_e[:, 0])
-    starts = [flight.passes(time, latitude, longitude, one.area, one.duration) for one in planned]
+    latitude = np.degrees(np.arcsin(position_e[:, 2] / np.linalg.norm(position_e, axis=1)))
+    longitude, starts = np.degrees(np.arctan2(position_e[:, 1], position_e[:, 0])), []
+    for one in planned:
+        inside = (latitude >= one.area["lat_min"]) & (latitude <= one.area["lat_max"])
+        if "lon_min" in one.area:
+            inside &= (longitude >= one.area["lon_min"]) & (longitude <= one.area["lon_max"])
+        starts.append(time[inside] - one.duration / 2)
     earliest, allowed = day + chosen.quiet_s + 10, flight.windows(chosen.manoeuvre_windows)
     latest = day + constants.DAY - chosen.quiet_s - max((one.duration for one in planned), default=0.0) - 10
     return [

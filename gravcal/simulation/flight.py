@@ -85,14 +85,6 @@ def nominal_attitude(state_i: np.ndarray, x_along_velocity: float) -> tuple[np.n
     return frames.continuous(frames.quaternion_from_R_bi(R_bi)), rate
 
 
-def passes(time: np.ndarray, latitude: np.ndarray, longitude: np.ndarray, area: dict, duration: float) -> np.ndarray:
-    """Times s at which a manoeuvre starts that has its middle in an area, whose bounds are in degrees."""
-    inside = (np.degrees(latitude) >= area["lat_min"]) & (np.degrees(latitude) <= area["lat_max"])
-    if "lon_min" in area:
-        inside &= (np.degrees(longitude) >= area["lon_min"]) & (np.degrees(longitude) <= area["lon_max"])
-    return time[inside] - duration / 2
-
-
 def windows(text: str) -> np.ndarray:
     """Begin and end (k, 2) s of the day of windows such as "02:10-04:00, 05:40-07:15"; an empty text is all of it."""
     if not text:

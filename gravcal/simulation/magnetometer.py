@@ -38,24 +38,6 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     fixed = sensors.orbit_columns(second, state, "GNV1B")
     position_e = np.stack([fixed[name] for name in sensors.STATE[:3]], axis=1)
     tag = np.arange(day + 5.0, day + chosen.duration_s - 5.0, chosen.step_s)
-    read = _reading(tag, second, attitude, position_e, satellite, chosen, drawn, lack, rng)
-    columns = {"SCA1B": sensors.attitude_columns(second, attitude), "GNV1B": fixed, "MAG1B": read}
-    parameters = {
-        f"{name}_{axis}": value
-        for name in ("bias", "scale", "misalignment")
-        for axis, value in zip("xyz", drawn[f"magnetometer.{name}"], strict=True)
-    }
-    parameters |= {f"nonorthogonality_{a}": v for a, v in zip(("xy", "xz", "yz"), lack, strict=True)}
-    leaks = [p.name for p in effect("magnetometer.current_leak").parameters]
-    parameters |= {f"leak_{a}": v for a, v in zip(leaks, drawn["magnetometer.current_leak"], strict=True)}
-    parameters |= {"external_field": drawn["magnetometer.external_field"][0]}
-    parameters |= {"delay": drawn["timing.magnetometer_delay"][0]}
-    truth = {"seed": seed, "day": day, "parameters": {name: float(value) for name, value in parameters.items()}}
-    return columns, truth | {"effects": {slug: dict(values) for slug, values in effects.items()}}
-
-
-def _reading(tag, second, attitude, position_e, satellite, chosen, drawn, lack, rng):
-    """Columns of MAG1B."""
     time = tag - drawn["timing.magnetometer_delay"][0]
     R_bi = frames.R_bi_from_quaternion(frames.interpolate(second, attitude, time))
     field_e = magnetic.field_e(second, position_e, chosen.igrf_generation)
@@ -80,4 +62,17 @@ def _reading(tag, second, attitude, position_e, satellite, chosen, drawn, lack, 
     noise = lfilter([1.0], [1.0, -keep], drive, axis=0)[2000:]
     noise = noise + 1e-9 * chosen.noise_nt * rng.standard_normal((time.size, 3))
     read = read + field @ symmetric(*lack) + noise
-    return sensors.magnetometer_columns(tag, read, current, satellite)
+    read = sensors.magnetometer_columns(tag, read, current, satellite)
+    columns = {"SCA1B": sensors.attitude_columns(second, attitude), "GNV1B": fixed, "MAG1B": read}
+    parameters = {
+        f"{name}_{axis}": value
+        for name in ("bias", "scale", "misalignment")
+        for axis, value in zip("xyz", drawn[f"magnetometer.{name}"], strict=True)
+    }
+    parameters |= {f"nonorthogonality_{a}": v for a, v in zip(("xy", "xz", "yz"), lack, strict=True)}
+    leaks = [p.name for p in effect("magnetometer.current_leak").parameters]
+    parameters |= {f"leak_{a}": v for a, v in zip(leaks, drawn["magnetometer.current_leak"], strict=True)}
+    parameters |= {"external_field": drawn["magnetometer.external_field"][0]}
+    parameters |= {"delay": drawn["timing.magnetometer_delay"][0]}
+    truth = {"seed": seed, "day": day, "parameters": {name: float(value) for name, value in parameters.items()}}
+    return columns, truth | {"effects": {slug: dict(values) for slug, values in effects.items()}}

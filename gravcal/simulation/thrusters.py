@@ -29,7 +29,19 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     gain = gain + given["torque.thruster_firings"]
     delay = delay + given["timing.thruster_delay"][0]
     path = flight.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)
-    start, thrusters, on_ms = _schedule(satellite, chosen, day, rng)
+    # firings: start (k,) s, thrusters in use (k, 12), time on (k,) ms; each undoes the last about its axis
+    spacing = rng.exponential(chosen.firing_spacing_s, int(2 * chosen.duration_s / chosen.firing_spacing_s) + 10) + 2.0
+    start = day + np.cumsum(spacing)
+    quiet = (start - day) % chosen.quiet_every_s < chosen.quiet_s
+    start = np.round(start[(start < day + chosen.duration_s - 2.0) & ~quiet], 6)
+    axis, on_ms = rng.integers(0, 3, start.size), rng.integers(*chosen.on_time_ms, start.size)
+    torque, thrusters = _torques(satellite), np.zeros((start.size, 12), dtype=bool)
+    about, sense = np.argmax(np.abs(torque), axis=1), np.sign(torque)
+    for one in range(3):
+        mine = np.flatnonzero(axis == one)
+        for k, row in enumerate(mine):
+            thrusters[row] = (about == one) & (sense[:, one] == (1, -1)[k % 2])
+        on_ms[mine[1::2]] = on_ms[mine[: 2 * (mine.size // 2) : 2]]
     time, quaternion = _flown(satellite, chosen, path, (start, thrusters, on_ms), gain, effects, day)
     angle = added(effects, "pointing_b", Context(time=time))
     heads = 1 + ((time - day) // chosen.head_s).astype(int) % 2
@@ -45,23 +57,6 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     }
     truth = {"seed": seed, "day": day, "gain": gain.tolist(), "delay_s": float(delay)}
     return columns, truth | {"camera_step_rad": step.tolist(), "effects": {s: dict(v) for s, v in effects.items()}}
-
-
-def _schedule(satellite, chosen, day, rng):
-    """Start (k,) s of every firing, thrusters in use (k, 12), time on (k,) ms; each undoes the last about its axis."""
-    spacing = rng.exponential(chosen.firing_spacing_s, int(2 * chosen.duration_s / chosen.firing_spacing_s) + 10) + 2.0
-    start = day + np.cumsum(spacing)
-    quiet = (start - day) % chosen.quiet_every_s < chosen.quiet_s
-    start = np.round(start[(start < day + chosen.duration_s - 2.0) & ~quiet], 6)
-    axis, on_ms = rng.integers(0, 3, start.size), rng.integers(*chosen.on_time_ms, start.size)
-    torque, thrusters = _torques(satellite), np.zeros((start.size, 12), dtype=bool)
-    about, sense = np.argmax(np.abs(torque), axis=1), np.sign(torque)
-    for one in range(3):
-        mine = np.flatnonzero(axis == one)
-        for k, row in enumerate(mine):
-            thrusters[row] = (about == one) & (sense[:, one] == (1, -1)[k % 2])
-        on_ms[mine[1::2]] = on_ms[mine[: 2 * (mine.size // 2) : 2]]
-    return start, thrusters, on_ms
 
 
 def _torques(satellite):
