@@ -314,20 +314,13 @@ def _local(one, settings):
     columns.append({"attitude": one.local_attitude})
     rest = one.time, one.context.field_b, float(np.median(np.diff(one.time)))
     ends = [motion.magnetic_acceleration(one.arc, one.seen + d, *rest) for d in (-0.15, 0.15)]
-    return [*columns, at_accelerometer(one, _edge_by_edge(one, ends[1] - ends[0]))]
-
-
-def _edge_by_edge(one, jump):
-    """Jump (n, 3, 2 edges) at the sample before an edge and at the one after, a column each.
-
-    Where between two samples an edge falls is known to neither model; a momentary sample near it may be on either side,
-    and from one edge of the wave to the next it may change sides.
-    """
+    # Where between two samples an edge falls is known to neither model, and from one edge of the wave to the next a
+    # momentary sample near it may change sides: a column each for the sample before an edge and the one after.
     near = np.searchsorted(one.time, motion.large_edges(one.arc) + one.seen)[:, None] + np.array([-1, 0])
     near = np.clip(near, 0, one.time.size - 1).ravel()
-    columns = np.zeros((one.time.size, 3, near.size))
-    columns[near, :, np.arange(near.size)] = jump[near]
-    return columns
+    jumps = np.zeros((one.time.size, 3, near.size))
+    jumps[near, :, np.arange(near.size)] = (ends[1] - ends[0])[near]
+    return [*columns, at_accelerometer(one, jumps)]
 
 
 def at_accelerometer(one: Manoeuvre, alpha: np.ndarray) -> dict[str, np.ndarray]:

@@ -292,7 +292,12 @@ def combine(
     values = {name: np.stack([one[name].values for one in solved]) for name in STACKED}
     values["determined"] = _determined(values["covariance"], determined_limit_mm)
     values["shift"] = values["centre"][:, :, 0] - values["centre"][:, :1, 0]
-    values["predicted_shift"] = predicted_shift(values["shift"], np.radians(offset_deg))
+    # dY = +tan(theta0) dX and dZ = -tan(theta0) dX of the positive set, of offset angle theta0, the other way of the
+    # mirror set: at first order in the amplitude x and the transverse component have proportional columns
+    values["predicted_shift"], tangent = np.full_like(values["shift"], np.nan), np.tan(np.radians(offset_deg))
+    for row, sign in ((SUBSETS.index("positive"), 1.0), (SUBSETS.index("mirror"), -1.0)):  # Table 5, erratum K-2
+        moved = sign * tangent * values["shift"][:, row, ::3]
+        values["predicted_shift"][:, row, 1::3], values["predicted_shift"][:, row, 2::3] = moved, -moved
     values |= {name: solved[0][name].values for name in MANOEUVRE}
     attrs = {"adopted_observable": adopted_observable, "adopted_estimator": adopted_estimator}
     attrs |= {"observables": " ".join(one.attrs["observable"] for one in solved)}
@@ -316,17 +321,3 @@ def _determined(covariance, limit_mm):
     """Which parameters of least squares are known better than the limit (observable, subset, parameter)."""
     sigma = np.sqrt(np.diagonal(covariance[:, :, 0], axis1=-2, axis2=-1))
     return np.isfinite(sigma) & (sigma <= 1e-3 * limit_mm)
-
-
-def predicted_shift(shift: np.ndarray, offset: float) -> np.ndarray:
-    """Shift of y and z of a one-sided set that follows from the shift of its x, (..., subset, 6) m, sub-set minus all.
-
-    dY = +tan(theta0) dX and dZ = -tan(theta0) dX for the positive set, of offset angle theta0, the other way for the
-    mirror set: at first order in the amplitude x and the transverse component have proportional columns; Remote Sens.
-    2022, 14, 3395, Table 5 (erratum K-2).
-    """
-    result = np.full_like(shift, np.nan)
-    for name, sign in (("positive", 1.0), ("mirror", -1.0)):
-        moved = sign * np.tan(offset) * shift[..., SUBSETS.index(name), ::3]
-        result[..., SUBSETS.index(name), 1::3], result[..., SUBSETS.index(name), 2::3] = moved, -moved
-    return result

@@ -219,12 +219,18 @@ def observable(
     valid = through[-1].valid & (aligned["kbr_flag"].values == 0)
     spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
     epochs = np.clip(np.rint(at - time[0]).astype(int), 0, time.size - 1)
+    published, step = -line[epochs], float(np.median(np.diff(at))) if at.size > 1 else 1.0
+    for _ in range(
+        derivative
+    ):  # D and D D of Remote Sens. 2022, 14, 3395, eqs. 17, 19; no window printed (erratum K-4)
+        about = {"deriv": 1, "delta": step, "axis": 0, "mode": "nearest"}
+        published = savgol_filter(published, 2 * published_half_width + 1, 3, **about)
     values = {
         "time_kbr": at,
         "observed": aligned[f"reading_{variant}"].values - modelled[:, 0],
         "column": modelled[:, 1:],
         "lever": np.stack([filtered(arms) for filtered in through], axis=1),
-        "published_column": published_columns(at, -line[epochs], derivative, published_half_width),
+        "published_column": published,
         "arc": arcs(at, spans, trim_s, quiet_margin_s),
         "segment": aligned["segment"].values,
     }
@@ -243,15 +249,3 @@ def arcs(time: np.ndarray, spans: np.ndarray, trim: float, margin: float) -> np.
     for index, (start, stop) in enumerate(spans):
         result[(time >= start + trim) & (time <= stop - trim)] = index
     return result
-
-
-def published_columns(time: np.ndarray, columns: np.ndarray, derivative: int, half_width: int) -> np.ndarray:
-    """Columns (m, p) differentiated by a local cubic polynomial of so many epochs on either side, once or twice.
-
-    D and D D of Remote Sens. 2022, 14, 3395, eqs. 17 and 19; the window is not printed (erratum K-4). Time (m,) s is
-    evenly spaced but for gaps.
-    """
-    step = float(np.median(np.diff(time))) if time.size > 1 else 1.0
-    for _ in range(derivative):
-        columns = savgol_filter(columns, 2 * half_width + 1, 3, deriv=1, delta=step, axis=0, mode="nearest")
-    return columns

@@ -139,19 +139,16 @@ def shapes(step_s: float, smoothed_hz: float = np.inf) -> np.ndarray:
     That of white noise is what is left of it in lines of sight that are smoothed at a frequency.
     """
     found = passed(step_s) / (1 + (images(step_s) / CORNERS[:, None, None]) ** 2)
-    found[-1] *= smoothing_gain(images(step_s), smoothed_hz) ** 2
+    # gain of `smoothed`, about 1 / (1 + (f / fc)^8), 0.9 at the frequency it keeps
+    sine = np.sin(np.pi * np.minimum(images(step_s), 0.5)) / np.sin(np.pi * min(smoothed_hz, 0.5))
+    found[-1] *= (1 + sine**8 / 9) ** -2
     return found
-
-
-def smoothing_gain(frequency_hz: np.ndarray, smoothed_hz: float) -> np.ndarray:
-    """Gain of `smoothed` at frequencies, of any shape: 1 / (1 + (f / fc)^8), 0.9 at the frequency it keeps."""
-    return 1 / (1 + (np.sin(np.pi * np.minimum(frequency_hz, 0.5)) / np.sin(np.pi * min(smoothed_hz, 0.5))) ** 8 / 9)
 
 
 def smoothed(values: np.ndarray, smoothed_hz: float) -> np.ndarray:
     """Series (n, k) of whole seconds, NaN where missing, whose fourth differences are small; missing samples too.
 
-    Minimum of sum (y - z)^2 + w sum (D^4 z)^2; Whittaker, Proc. Edinburgh Math. Soc. 41 (1923); w by `smoothing_gain`.
+    Minimum of sum (y - z)^2 + w sum (D^4 z)^2; Whittaker, Proc. Edinburgh Math. Soc. 41 (1923); w as in `shapes`.
     """
     good, weight = np.isfinite(values).all(axis=1), 1 / (9 * (2 * np.sin(np.pi * smoothed_hz)) ** 8)
     if good.sum() < 8:
