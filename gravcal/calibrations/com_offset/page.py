@@ -91,10 +91,14 @@ def sections(document, published):
     solved = f"solve.{adopted}"
     fits = [replace(_spectra, reads=(solved,)), replace(_linear_accelerations, reads=(solved, "detect"))]
     sources = sorted({one.source for name in ("combined", "manoeuvres") for one in published.get(name, ())})
+    tests = document["consistency"]
+    named = {f"manoeuvres, {name}": one for name, one in tests["manoeuvres"]["by_variant"].items()}
+    named |= {"acc and sca": tests["variants"], "mtq and acc, within catalogue error": tests["catalogue"]}
+    agreement = WORDS.table("agreement", named, level=tests["level"])
     notes = WORDS.said("result", sources=sources, **{"method": "gravcal"} | document)
     return [
         Section("Result", [_combined_table(document, published)], [shown], notes),
-        Section("Agreement and field check", [_agreement_table(document), WORDS.table("field", document)], beside=True),
+        Section("Agreement and field check", [agreement, WORDS.table("field", document)], beside=True),
         Section("Every manoeuvre", [_manoeuvre_table(document, known)]),
         Section("Linear acceleration", figures=fits),
         Section("Angular acceleration and time", [_instrument_table(document)], [_angular_accelerations]),
@@ -425,13 +429,6 @@ def _instrument_table(document):
     }
     rows = [one | {"label": f"{index} {one['kind']}"} for index, one in enumerate(document["manoeuvres"], start=1)]
     return WORDS.table("instruments", [*rows, every | {"label": "all; tags late"}])
-
-
-def _agreement_table(document):
-    tests = document["consistency"]
-    named = {f"manoeuvres, {name}": one for name, one in tests["manoeuvres"]["by_variant"].items()}
-    named |= {"acc and sca": tests["variants"], "mtq and acc, within catalogue error": tests["catalogue"]}
-    return WORDS.table("agreement", named, level=tests["level"])
 
 
 # Figures

@@ -120,10 +120,8 @@ def rates(quaternion: np.ndarray, step_s: float) -> np.ndarray:
     q = np.where(good[:, None], quaternion, [1.0, 0.0, 0.0, 0.0])
     turn = frames.attitude_error(q[1:], q[:-1]) / step_s
     turn[~(good[1:] & good[:-1])] = np.nan
-    out = np.full((q.shape[0], 3), np.nan)
-    out[1:-1] = (turn[1:] + turn[:-1]) / 2
-    out[0], out[-1] = turn[0], turn[-1]
-    return out
+    turn = np.pad(turn, ((1, 1), (0, 0)), mode="edge")
+    return (turn[1:] + turn[:-1]) / 2
 
 
 def detect(

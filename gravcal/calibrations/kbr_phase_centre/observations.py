@@ -114,7 +114,10 @@ class Ranging(records.Observations):
             if np.isfinite(one.at):
                 made += [self.view.ripple(whole, one.at, form) for form in SATELLITES]
             else:
-                made += [*whole.each_alone(), *_of_satellites(whole)] if whole.listed and not whole.form else [whole]
+                made += whole.each_alone() if whole.listed and not whole.form else [whole]
+                for letter in "ab" if whole.listed and not whole.form else ():  # where it has several of a satellite
+                    own = [k for k, name in enumerate(whole.names) if name.endswith(f"_{letter}")]
+                    made += [whole.part(own, letter)] if len(own) > 1 else []
             first = last
         for number in dict.fromkeys(half.manoeuvre for half in self.view.parts if not self.view.far):
             members = [half for half in self.view.parts if half.manoeuvre == number]
@@ -185,12 +188,6 @@ class Ranging(records.Observations):
         away = [np.abs(records["time_kbr"].values - epoch) > BREAK_GAP_S for epoch in breaks]
         records = records.isel(time_kbr=np.all(away, axis=0)) if away else records
         return records.assign_attrs(model=" ".join(entry.cause for entry in model))
-
-
-def _of_satellites(whole: records.Candidate) -> list[records.Candidate]:
-    """A cause with the parameters of one satellite, where it has several of each."""
-    each = [[k for k, name in enumerate(whole.names) if name.endswith(f"_{letter}")] for letter in "ab"]
-    return [whole.part(one, letter) for letter, one in zip("ab", each, strict=True) if len(one) > 1]
 
 
 def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:

@@ -267,18 +267,7 @@ def _first_delay(aligned, pieces, observed):
     left = [one[:, slice(3, None) if observed[:, 3:].any() else slice(3)] for one in _left(pieces, observed)]
     rows, series = np.concatenate([rows for rows, *_ in pieces]), np.nan_to_num(np.concatenate(left))
     series = series / np.maximum(series.std(axis=0), 1e-300)
-    step = float(aligned["step"]) / 20
-    tried = step * np.arange(-int(LATEST_S / step), int(LATEST_S / step) + 1) + _lag(aligned, rows, series)
-    share = [duty(aligned, delay)[rows] for delay in tried]
-    gains = [np.sum((least_squares.orthonormal(one).T @ series) ** 2) for one in share]
-    return float(tried[int(np.argmax(gains))]) if np.max(gains) > 0 else 0.0
-
-
-def _lag(aligned, rows, series):
-    """Whole steps, s, by which firings are tagged late where a lag beyond LATEST_S stands out, else 0.
-
-    Squares of the correlation of the readings with the share that each pair is on, by lag.
-    """
+    # whole steps by which firings are late, where a lag beyond LATEST_S stands out of readings by the share of each pair
     step, share = float(aligned["step"]), duty(aligned, 0.0)
     read = np.zeros((len(share), series.shape[1]))
     read[rows] = series
@@ -286,7 +275,11 @@ def _lag(aligned, rows, series):
     moved, seen = np.repeat(moved, seen.shape[1], axis=1), np.tile(seen, len(PAIRS))
     most, near = min(int(APART_S / step), len(share) // 2), max(int(LATEST_S / step), 1)
     late = -timing.lag(seen, moved, most, near, either=True)
-    return step * late if abs(late) > near else 0.0
+    fine = step / 20
+    tried = fine * np.arange(-int(LATEST_S / fine), int(LATEST_S / fine) + 1) + step * late * (abs(late) > near)
+    share = [duty(aligned, delay)[rows] for delay in tried]
+    gains = [np.sum((least_squares.orthonormal(one).T @ series) ** 2) for one in share]
+    return float(tried[int(np.argmax(gains))]) if np.max(gains) > 0 else 0.0
 
 
 def _gains(known, information, value):
