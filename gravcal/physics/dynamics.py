@@ -165,24 +165,18 @@ def _problem(torque, origin, duration):
     middle = (breaks[1:] + breaks[:-1]) / 2
     middle[-1] = duration  # what holds from the last epoch on
     padded = np.concatenate([np.zeros((1, 3)), dipole, np.zeros((1, 3))])
-    value, slope = _piecewise_linear(extra_time, extra, breaks[:-1], middle)
+    value, slope = np.zeros((2, middle.size, 3))
+    if extra_time.size > 1:  # value at the start and slope of the line that holds in the middle, zero outside
+        left = np.clip(np.searchsorted(extra_time, middle, side="right") - 1, 0, extra_time.size - 2)
+        span = extra_time[left + 1] - extra_time[left]
+        inside = ((middle >= extra_time[0]) & (middle < extra_time[-1]) & (span > 0))[:, None]
+        slope = np.where(inside, (extra[left + 1] - extra[left]) / np.where(span > 0, span, 1.0)[:, None], 0.0)
+        value = np.where(inside, extra[left] + slope * (breaks[:-1] - extra_time[left])[:, None], 0.0)
     knots, spline = _polynomials(torque, origin, duration)
     segment = np.searchsorted(edges, middle, side="right") if edges.size > 1 else np.zeros(middle.size, int)
     scale = check_shape("torque.scale_b", torque.scale_b, (3,))
     known = inertia, np.linalg.inv(inertia), scale, torque.gradient_i is not None
     return Problem(breaks, padded[segment], value, slope, knots, spline, *known)
-
-
-def _piecewise_linear(time, values, start, middle):
-    """Value at start and slope of the line that holds at middle; zero outside time."""
-    if time.size < 2:
-        return np.zeros((start.size, 3)), np.zeros((start.size, 3))
-    left = np.clip(np.searchsorted(time, middle, side="right") - 1, 0, time.size - 2)
-    span = time[left + 1] - time[left]
-    inside = (middle >= time[0]) & (middle < time[-1]) & (span > 0)
-    slope = (values[left + 1] - values[left]) / np.where(span > 0, span, 1.0)[:, None]
-    value = values[left] + slope * (start - time[left])[:, None]
-    return np.where(inside[:, None], value, 0.0), np.where(inside[:, None], slope, 0.0)
 
 
 def _polynomials(torque, origin, duration):

@@ -251,7 +251,11 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
     joint = {s.attrs["variant"]: _joint(s) if method == "gravcal" else _selected(s) for s in solved}
     own = {s.attrs["variant"]: s for s in solved}
     names = [v for v in VARIANTS if v in joint]
-    single = {v: _single_covariances(own[v]) for v in names}
+    single = {}  # noise of each manoeuvre and its own modes; the shared measured ones too
+    for v in names:
+        moves = own[v]["mode_shift"].values[:, ~own[v]["mode_catalogue"].values.astype(bool)]
+        noise = [least_squares.covariance(information + PRIOR) for information in own[v]["information"].values]
+        single[v] = np.array(noise).reshape(-1, 3, 3) + np.swapaxes(moves, 1, 2) @ moves
     determined = np.array([_determined(joint[v]["covariance"], limit) for v in names])
     values = {name: [joint[v][name] for v in names] for name in ("covariance", "chi2", "dof")}
     values |= {
@@ -332,14 +336,6 @@ def _joint(solved):
         "covariance_total": total + given.T @ given,
         "catalogue": given,
     }
-
-
-def _single_covariances(solved):
-    """Covariance (k, 3, 3) m2 of each manoeuvre: noise and its own modes; the shared measured ones too."""
-    kept = ~solved["mode_catalogue"].values.astype(bool)
-    own = solved["mode_shift"].values[:, kept]
-    noise = [least_squares.covariance(information + PRIOR) for information in solved["information"].values]
-    return np.array(noise).reshape(-1, 3, 3) + np.swapaxes(own, 1, 2) @ own
 
 
 def _determined(covariance, limit):

@@ -95,13 +95,22 @@ def sections(document, published):
     named = {f"manoeuvres, {name}": one for name, one in tests["manoeuvres"]["by_variant"].items()}
     named |= {"acc and sca": tests["variants"], "mtq and acc, within catalogue error": tests["catalogue"]}
     agreement = WORDS.table("agreement", named, level=tests["level"])
+    every = {
+        "acc_shift_s": document["delays_s"]["acc"],
+        "sca_shift_s": document["delays_s"]["sca"],
+        "torque_scale": document["scales"]["torque"],
+        "angular_scale": document["scales"]["angular"],
+        "attitude_rms_urad": document["attitude"]["rms_urad"],
+    }
+    rows = [one | {"label": f"{index} {one['kind']}"} for index, one in enumerate(document["manoeuvres"], start=1)]
+    instruments = WORDS.table("instruments", [*rows, every | {"label": "all; tags late"}])
     notes = WORDS.said("result", sources=sources, **{"method": "gravcal"} | document)
     return [
         Section("Result", [_combined_table(document, published)], [shown], notes),
         Section("Agreement and field check", [agreement, WORDS.table("field", document)], beside=True),
         Section("Every manoeuvre", [_manoeuvre_table(document, known)]),
         Section("Linear acceleration", figures=fits),
-        Section("Angular acceleration and time", [_instrument_table(document)], [_angular_accelerations]),
+        Section("Angular acceleration and time", [instruments], [_angular_accelerations]),
         Section("Torquers and attitude", figures=[_torquers, _attitude]),
         Section("Magnetic field", figures=[_field]),
     ]
@@ -417,18 +426,6 @@ def _offsets(block, total, known, key):
         cells.append(plus_minus(block["offset_um"][i], block["sigma_um"][i], total[i]))
         cells += [plain.printed(known.get(key), i)] if known else []
     return cells
-
-
-def _instrument_table(document):
-    every = {
-        "acc_shift_s": document["delays_s"]["acc"],
-        "sca_shift_s": document["delays_s"]["sca"],
-        "torque_scale": document["scales"]["torque"],
-        "angular_scale": document["scales"]["angular"],
-        "attitude_rms_urad": document["attitude"]["rms_urad"],
-    }
-    rows = [one | {"label": f"{index} {one['kind']}"} for index, one in enumerate(document["manoeuvres"], start=1)]
-    return WORDS.table("instruments", [*rows, every | {"label": "all; tags late"}])
 
 
 # Figures

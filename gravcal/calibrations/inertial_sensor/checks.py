@@ -176,27 +176,23 @@ def result(products: Mapping[str, xr.Dataset], limits: Mapping) -> list[Check]:
             at_most("offset with and without a_y", apart.max(), limits["agreement_limit"], "sigma"),
         ]
     if "bias" in products and "not_determined" not in products["bias"].attrs:
-        tests += _of_roll(products["bias"], limits)
+        biased = products["bias"]  # segments of the roll, drag as its axes see it, and the size of the bias
+        used = biased.used.values.astype(bool)
+        own, sigma = (biased[f"segment_{name}"].values[used] for name in ("bias", "sigma"))
+        x, _, z = np.sqrt(np.mean(np.diff(own, axis=0) ** 2, axis=0) / 2 / np.mean(sigma**2, axis=0))
+        by_x, by_z = biased.amplitude.values
+        drag = np.linalg.norm(by_x)
+        tests += [
+            at_most("segments of the roll, x", x, limits["segments_limit"], "sigma"),
+            at_most("segments of the roll, z", z, limits["segments_limit"], "sigma"),
+            at_most("drag by z against x", np.linalg.norm(by_z - by_x) / drag, limits["drag_agreement_limit"], "1"),
+            at_most("drag", drag, limits["drag_limit_m_s2"], "m s-2"),
+            at_least("drag, least", drag, limits["drag_least_m_s2"], "m s-2"),
+            at_most("size of the bias", np.abs(biased.bias).max(), limits["bias_limit_m_s2"], "m s-2"),
+        ]
         if "align" in products:
             swing = electrodes.readouts(products["align"].volts.values)[:, :3].mean(axis=0)
             change = np.abs(1 + products["bias"].bias_volt.values / swing).max()
             name = "mean linear reading, roll over swing, from one"
             tests.append(at_most(name, change, limits["reading_limit"], "1"))
     return tests
-
-
-def _of_roll(biased, limits):
-    """Segments of a roll, drag as its axes see it, and the size of the bias."""
-    used = biased.used.values.astype(bool)
-    own, sigma = (biased[f"segment_{name}"].values[used] for name in ("bias", "sigma"))
-    x, _, z = np.sqrt(np.mean(np.diff(own, axis=0) ** 2, axis=0) / 2 / np.mean(sigma**2, axis=0))
-    by_x, by_z = biased.amplitude.values
-    drag = np.linalg.norm(by_x)
-    return [
-        at_most("segments of the roll, x", x, limits["segments_limit"], "sigma"),
-        at_most("segments of the roll, z", z, limits["segments_limit"], "sigma"),
-        at_most("drag by z against x", np.linalg.norm(by_z - by_x) / drag, limits["drag_agreement_limit"], "1"),
-        at_most("drag", drag, limits["drag_limit_m_s2"], "m s-2"),
-        at_least("drag, least", drag, limits["drag_least_m_s2"], "m s-2"),
-        at_most("size of the bias", np.abs(biased.bias).max(), limits["bias_limit_m_s2"], "m s-2"),
-    ]

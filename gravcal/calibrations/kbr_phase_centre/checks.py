@@ -33,7 +33,17 @@ def of_inputs(
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
     radius = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS
     apart = pointed["range_com"].values
-    found = _of_orbits(orbits, limits) + [
+    found = []  # positions against velocities of every file, and the products of a satellite against each other
+    for letter in sorted({one.attrs["satellite"] for one in orbits}):
+        own = [one for one in orbits if one.attrs["satellite"] == letter]
+        rate = max(checks.velocity_error(t, s[:, :3], s[:, 3:]) for t, s in (usable(one, STATE) for one in own))
+        found.append(at_most(f"orbit {letter}, position against velocity", rate, limits["velocity_limit_m_s"], "m s-1"))
+        names = list(dict.fromkeys(one.attrs["product"] for one in own))
+        if len(names) > 1:
+            states = [[align.states(one) for one in own if one.attrs["product"] == name] for name in names]
+            difference, name = orbit_difference(*states), f"orbit {letter}, {' against '.join(names)}"
+            found.append(at_most(name, difference, limits["orbit_difference_limit_m"], "m"))
+    found += [
         at_least("separation, smallest", 1e-3 * np.nanmin(apart), limits["separation_minimum_km"], "km"),
         at_most("separation, largest", 1e-3 * np.nanmax(apart), limits["separation_maximum_km"], "km"),
         at_least("height, smallest", 1e-3 * np.nanmin(radius), limits["height_minimum_km"], "km"),
@@ -50,21 +60,6 @@ def of_inputs(
         left = float(np.nanmedian(np.abs(given - own)))
         found.append(at_most("antenna correction of the file", 1e3 * left, limits["correction_limit_mm"], "mm"))
     return checks.product(found)
-
-
-def _of_orbits(orbits, limits):
-    """Positions against velocities and heights of every file, and the products of a satellite against each other."""
-    found = []
-    for letter in sorted({one.attrs["satellite"] for one in orbits}):
-        own = [one for one in orbits if one.attrs["satellite"] == letter]
-        rate = max(checks.velocity_error(t, s[:, :3], s[:, 3:]) for t, s in (usable(one, STATE) for one in own))
-        found.append(at_most(f"orbit {letter}, position against velocity", rate, limits["velocity_limit_m_s"], "m s-1"))
-        names = list(dict.fromkeys(one.attrs["product"] for one in own))
-        if len(names) > 1:
-            states = [[align.states(one) for one in own if one.attrs["product"] == name] for name in names]
-            apart, name = orbit_difference(*states), f"orbit {letter}, {' against '.join(names)}"
-            found.append(at_most(name, apart, limits["orbit_difference_limit_m"], "m"))
-    return found
 
 
 def orbit_difference(first, second) -> float:
