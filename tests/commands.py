@@ -5,6 +5,7 @@ import json
 import re
 import sys
 import threading
+import time
 from http.server import ThreadingHTTPServer
 from pathlib import Path
 
@@ -61,6 +62,14 @@ def serving(handler):
         finally:
             server.shutdown()
             thread.join()
+
+
+def until(found, seconds, every=0.1):
+    """What a function finds, as soon as that is true, at the latest when its time is over."""
+    limit = time.monotonic() + seconds
+    while not (value := found()) and time.monotonic() < limit:
+        time.sleep(every)
+    return value
 
 
 def run(calibration, folder, discovery=False, satellite=None, **settings):

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
-from commands import gravcal
+from commands import gravcal, until
 
 from flows import calibration, command
 from flows import campaign as campaigns
@@ -120,9 +120,7 @@ def test_an_interrupt_ends_a_campaign_at_once(environment, events, pipeline, tmp
     pipeline.replace("first.py", "    values =", lines)
     command = [sys.executable, str(SCRIPT), "campaign", "fakecal", "--data", str(events), "--engine", "inline"]
     process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
-    limit = time.monotonic() + 60
-    while not mark.exists() and time.monotonic() < limit:
-        time.sleep(0.05)
+    assert until(mark.exists, 60)
     process.send_signal(signal.SIGINT)
     started = time.monotonic()
     process.communicate()
@@ -335,9 +333,7 @@ def test_a_cluster_by_hand(public, events, tmp_path, monkeypatch):
             command = [python or sys.executable, "-m", "dask", *role, "--no-dashboard", "--scheduler-file", address]
             quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
             running.append(subprocess.Popen(map(str, command), cwd=folder, env=own, **quiet, **user(number)))
-            limit = time.monotonic() + 60
-            while not address.exists() and running[0].poll() is None and time.monotonic() < limit:
-                time.sleep(0.1)
+            until(lambda: address.exists() or running[0].poll() is not None, 60)
         url = json.loads(address.read_text())["address"]
         assert url.startswith("tls://")
         (place / "own").mkdir()

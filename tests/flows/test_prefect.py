@@ -6,10 +6,10 @@ import os
 import sqlite3
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy  # noqa: F401 - loads BLAS
+from commands import until
 
 from flows import engine
 from flows.engine import server
@@ -84,10 +84,8 @@ def test_the_server_dies_with_its_parent(prefect_home, monkeypatch):
     parent.kill()
     parent.wait()
     parent.stdout.close()
-    limit = time.monotonic() + 20
-    while Path(f"/proc/{child}").exists() and "Z" not in Path(f"/proc/{child}/stat").read_text().split()[2]:
-        assert time.monotonic() < limit
-        time.sleep(0.1)
+    there, state = Path(f"/proc/{child}"), Path(f"/proc/{child}/stat")
+    assert until(lambda: not there.exists() or "Z" in state.read_text().split()[2], 20)
 
 
 def test_without_a_server_the_flow_runs_inline(pipeline, monkeypatch, capsys):
@@ -137,7 +135,8 @@ def test_a_first_serve_is_silent(tmp_path):
     """Contract: no warning of Prefect's where the store is still to be made."""
     settings = {name: value for name, value in os.environ.items() if not name.startswith("PREFECT")}
     settings |= {"GRAVCAL_PRODUCTS": str(tmp_path / "deep" / "store")}
-    line = "from flows import serve; serve.server.set_environment(); serve._schedule('0 3 * * *')"
+    line = "from flows.serve import server; server.set_environment(); import prefect.client.schemas.schedules as s; "
+    line += "s.CronSchedule(cron='0 3 * * *', timezone='UTC')"
     done = subprocess.run([sys.executable, "-c", line], capture_output=True, text=True, check=False, env=settings)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
 
@@ -166,10 +165,7 @@ def test_the_database_does_not_keep_old_runs(tmp_path, monkeypatch):
             assert count() == [2] * len(TABLES)
             with base:
                 base.execute("update flow_run set end_time = ? where id = ?", (month[:-6], old))
-            limit = time.monotonic() + 120
-            while (left := count()) != [1] * len(TABLES):
-                assert time.monotonic() < limit, left
-                time.sleep(0.2)
+            assert until(lambda: count() == [1] * len(TABLES), 120, 0.2), count()
         assert server.ask(url, f"/flow_runs/{new}")["state_type"] == "COMPLETED"
 
 

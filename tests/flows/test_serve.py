@@ -15,6 +15,7 @@ from pathlib import Path
 import psutil
 import pytest
 import requests
+from commands import until
 
 from flows import serve
 from flows.engine import server
@@ -150,13 +151,8 @@ def runs(url, events, kinds):
 
 def finished(url, events, count):
     """Wait for so many runs that ended by themselves; newest first."""
-    limit = time.monotonic() + LIMIT_S
-    while time.monotonic() < limit:
-        found = runs(url, events, server.ENDED)
-        if len(found) >= count:
-            return found
-        time.sleep(0.3)
-    raise AssertionError(f"{len(found)} runs ended, expected {count}")
+    assert until(lambda: len(runs(url, events, server.ENDED)) >= count, LIMIT_S, 0.3), f"expected {count} runs to end"
+    return runs(url, events, server.ENDED)
 
 
 def states(url, run, expected):
@@ -196,10 +192,7 @@ def new_data_and_the_clock_start_campaigns(served, events, store_folder):
     by_the_clock = {
         "flow_runs": {"deployment_id": {"any_": [deployment["id"]]}, "state": {"type": {"any_": ["SCHEDULED"]}}}
     }
-    limit = time.monotonic() + SETTLE_S
-    while not (planned := server.ask(served, "/flow_runs/filter", by_the_clock)):
-        assert time.monotonic() < limit
-        time.sleep(0.3)
+    planned = until(lambda: server.ask(served, "/flow_runs/filter", by_the_clock), SETTLE_S)
     assert {one["expected_start_time"][11:19] for one in planned if one["auto_scheduled"]} == {"04:30:00"}
     stale = store_folder / "objects" / "ab" / ("ab" + "0" * 62)
     stale.mkdir(parents=True)
@@ -280,11 +273,9 @@ def a_deployment_that_was_changed_is_refused(served, events, tmp_path):
         old = {name: deployment[name] for name in change}
         if change:
             server.ask(served, path, change, "PATCH")
-        run = server.ask(served, f"{path}/create_flow_run", given)
-        limit = time.monotonic() + LIMIT_S
-        while (state := server.ask(served, f"/flow_runs/{run['id']}")["state"])["type"] not in server.ENDED:
-            assert time.monotonic() < limit
-            time.sleep(0.3)
+        run = f"/flow_runs/{server.ask(served, f'{path}/create_flow_run', given)['id']}"
+        until(lambda at=run: server.ask(served, at)["state"]["type"] in server.ENDED, LIMIT_S, 0.3)
+        state = server.ask(served, run)["state"]
         assert (state["type"], state["name"]) == ("FAILED", "Refused"), state
         assert f"found {said} changed" in state["message"]
         if change:
@@ -344,9 +335,7 @@ def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environmen
     code += "; first = not mark.exists(); mark.touch(); time.sleep(120 * first)"
     pipeline.replace("first.py", "    values =", f"    {code}\n    values =")
     process, url = begin(environment, events)
-    limit = time.monotonic() + LIMIT_S
-    while not begun.exists() and time.monotonic() < limit:
-        time.sleep(0.2)
+    assert until(begun.exists, LIMIT_S)
     (run,) = runs(url, events, ["RUNNING"])
     running = states(url, run, {"fake-1": "Running"})
     ports = [location.recall(f"port-{what}-fakecal") for what in ("pages", "reports")]
