@@ -19,6 +19,8 @@ from gravcal.errors import GravcalError
 from gravcal.io import archive, readers, writers
 from gravcal.store.schemas import validate
 
+MEASURED = Path(__file__).parents[2] / "shared" / "data"
+
 
 def blocks(page, *languages):
     """Language and text of the fenced blocks of a page in some languages."""
@@ -115,11 +117,12 @@ def causes(found):
 
 
 def shortened(folder, hours, late="", by_s=0):
-    """Leave of the files of a pair the first hours; tags of a product of some satellites ("SCA1B CD") are late."""
+    """Leave of the files of a day the first hours; tags of a product of some satellites ("SCA1B CD") are late."""
     for path in sorted(folder.iterdir()):
         file = archive.from_name(path)
         columns = {name: one.values for name, one in readers.read(file).items()}
-        kept = columns["gps_time"] < columns["gps_time"][0] + 3600 * hours
+        tags = "gps_time" if "gps_time" in columns else "time_intg"
+        kept = columns[tags] < columns[tags][0] + 3600 * hours
         columns = {name: one[kept] for name, one in columns.items()}
-        columns["gps_time"] = columns["gps_time"] + by_s * (file.product == late[:5] and file.satellite in late[6:])
+        columns[tags] = columns[tags] + by_s * (file.product == late[:5] and file.satellite in late[6:])
         writers.write(columns, path)

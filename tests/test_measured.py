@@ -1,11 +1,10 @@
 """The centre-of-mass flow on measured records of one day: nothing to calibrate, and the figures of that day."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
-from commands import gravcal
+from commands import MEASURED, gravcal
 from numpy.testing import assert_allclose
 
 from gravcal import catalog
@@ -14,7 +13,7 @@ from gravcal.store.schemas import validate
 from tasks.stage import read
 
 pytestmark = pytest.mark.measured
-FOLDER = Path(__file__).parents[2] / "shared" / "data" / "gracefo-2023-06-01"
+FOLDER = MEASURED / "gracefo-2023-06-01"
 MIDNIGHT = 738849600.0  # s GPS, 2023-06-01 00:00:00
 #: nT in SRF at midnight, from the README of the data: IGRF and magnetometer.
 FIGURES = {

@@ -1,7 +1,6 @@
 """Magnetometer against the reference field: recovery, what minutes leave open, and inputs that contradict."""
 
 import sys
-from pathlib import Path
 
 import commands
 import numpy as np
@@ -14,7 +13,7 @@ from gravcal import catalog
 from gravcal.calibrations import named_parameters
 from gravcal.calibrations.magnetometer import estimate, model
 from gravcal.errors import ProductError
-from gravcal.io import archive, cdf, readers, writers
+from gravcal.io import archive, cdf, readers
 from gravcal.physics import earth, magnetic, orbit_environment
 
 COUNT = 24
@@ -141,10 +140,7 @@ ATTITUDE, READINGS = "tags of the attitude", "tags of the magnetometer"
 def test_records_shifted_against_each_other_are_questionable(tmp_path, name, late, failed):
     """Contract: late records contradict each other; everything is written all the same, no cause but timing named."""
     CALIBRATION.simulate(tmp_path, seed=1, settings={"duration_s": "9000"})  # parts too long to try chirps in: 16 s
-    path = archive.find(tmp_path, name, "C", DAY).path
-    columns = {one: record.values for one, record in readers.read(archive.find(tmp_path, name, "C", DAY)).items()}
-    tags = "gps_time" if "gps_time" in columns else "time_intg"
-    writers.write(columns | {tags: columns[tags] + late}, path)
+    commands.shortened(tmp_path, 24, f"{name} C", late)
     document, _ = commands.run("magnetometer", tmp_path)
     assert document["status"] == "questionable"
     found = {one["name"]: one["value"] for one in document["checks"] if not one["passed"]}
@@ -184,7 +180,6 @@ def test_parts_that_contradict_each_other_say_so_and_of_a_sum_no_part_is_determi
     assert np.isnan(covariance[0]).all()
 
 
-MEASURED = Path(__file__).parents[3] / "shared" / "data"
 LEAK = "magnetometer.current_leak"
 MINUTES, SECONDS = "grace-2003-09-14/binary", "gracefo-2023-06-01"
 
@@ -193,7 +188,7 @@ MINUTES, SECONDS = "grace-2003-09-14/binary", "gracefo-2023-06-01"
 @pytest.mark.parametrize(("folder", "satellite"), [(MINUTES, "A"), (MINUTES, "B"), (SECONDS, "C"), (SECONDS, "D")])
 def test_minutes_of_magnetometer_name_a_bias_and_a_leak_and_no_more(folder, satellite):
     """Recovery: on 2003-09-14 both leak from the x torquer into y, 0.15 uT per A m2; what grows in 50 s is tied."""
-    document, _ = commands.run("magnetometer", MEASURED / folder, discovery=True, satellite=satellite)
+    document, _ = commands.run("magnetometer", commands.MEASURED / folder, discovery=True, satellite=satellite)
     found = {one["cause"]: one for one in document["findings"]}
     assert "magnetometer.bias" in found
     alone = {"magnetometer.bias", *([LEAK] if folder == MINUTES else ())}

@@ -1,7 +1,5 @@
 """Routine pointing of a pair: recovery, what the measured day says, and what discovery names there."""
 
-from pathlib import Path
-
 import commands
 import numpy as np
 import pytest
@@ -12,7 +10,7 @@ from benchmarks import ranging
 from flows.calibration import load
 from gravcal import catalog
 
-MEASURED = Path(__file__).parents[3] / "shared" / "data" / "grace-2014-01-15"
+MEASURED = commands.MEASURED / "grace-2014-01-15"
 COUNT = 3
 CALIBRATION = load("ranging")
 

@@ -1,7 +1,5 @@
 """A routine day: every instrument that has records, measured beside simulated; what is missing is said."""
 
-from pathlib import Path
-
 import commands
 import numpy as np
 import pytest
@@ -17,7 +15,6 @@ from gravcal.simulation import com_offset, sensors
 CHOSEN = catalog.parameters("routine")
 DAY = "2020-03-02"
 FILES = ("ACC1A", "SCA1B", "GNV1B", "TIM1B", "CLK1B", "MAG1B", "THR1B")
-MEASURED = Path(__file__).parents[3] / "shared" / "data"
 
 
 def aligned(folder, letter="C", day=DAY, files=FILES, **settings):
@@ -138,7 +135,7 @@ def test_a_day_without_an_instrument_says_what_is_missing(day, tmp_path):
 @pytest.mark.measured
 def test_seconds_of_a_measured_accelerometer_are_fitted():
     """Contract: ten seconds of GRACE-C: noise of a sample as it was measured elsewhere; no firing, so none is named."""
-    records = aligned(MEASURED / "gracefo-2023-06-01", day="2023-06-01", step_s=0.1)
+    records = aligned(commands.MEASURED / "gracefo-2023-06-01", day="2023-06-01", step_s=0.1)
     found = accelerometer.estimate(records, **CHOSEN.for_stage("estimate"))
     left = np.nanstd(found["measured"].values - found["fitted"].values, axis=0)
     assert (left[:3] < [1e-8, 1e-8, 1e-8]).all()
@@ -180,7 +177,7 @@ def test_a_share_of_the_impulse_is_named_before_the_pairs_that_hold_it(tmp_path,
 @pytest.mark.parametrize("measured", [False, pytest.param(True, marks=pytest.mark.measured)])
 def test_a_transplant_has_a_linear_reading_only(day, tmp_path, measured):
     """Contract: ACT1A, whose angular columns are zero, gives forces (or noise) and no torque."""
-    folder, when = (MEASURED / "gracefo-2023-06-01", "2023-06-01") if measured else (tmp_path, DAY)
+    folder, when = (commands.MEASURED / "gracefo-2023-06-01", "2023-06-01") if measured else (tmp_path, DAY)
     if not measured:
         for path in day[0].iterdir():
             (tmp_path / path.name).symlink_to(path)

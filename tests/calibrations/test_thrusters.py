@@ -1,7 +1,5 @@
 """Attitude thrusters: recovery of gain and delay, physics of an impulse, and firings of another satellite."""
 
-from pathlib import Path
-
 import commands
 import invented_heads
 import numpy as np
@@ -15,7 +13,7 @@ from flows import discover
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.calibrations.thrusters import estimate, model, noise
-from gravcal.io import archive, readers, writers
+from gravcal.io import archive, readers
 from gravcal.physics import frames
 
 COUNT = 20
@@ -129,9 +127,7 @@ def test_firings_late_by_minutes_name_no_cause_but_timing(tmp_path):
 def test_an_orbit_late_by_minutes_is_named_and_nothing_else(tmp_path):
     """Recovery: attitude and firings agree and the orbit is of another time; within its error."""
     CALIBRATION.simulate(tmp_path, seed=5, settings={"duration_s": "10800", "quiet_s": "900"})
-    file = archive.find(tmp_path, "GNV1B", "A", DAY)
-    columns = {name: one.values for name, one in readers.read(file).items()}
-    writers.write(columns | {"gps_time": columns["gps_time"] + 137}, file.path)
+    commands.shortened(tmp_path, 24, "GNV1B A", 137)
     failed = {one["name"] for one in commands.run("thrusters", tmp_path)[0]["checks"] if not one["passed"]}
     assert failed == {"tags of the attitude against the orbit"}
     (one,) = commands.run("thrusters", tmp_path, discovery=True)[0]["findings"]
@@ -185,13 +181,10 @@ def test_one_head_alone_says_nothing_and_two_name_the_steps_between_them(tmp_pat
     assert "unknown:star_camera_in_use" not in named
 
 
-MEASURED = Path(__file__).parents[3] / "shared" / "data"
-
-
 @pytest.mark.measured
 def test_thruster_firings_are_named_in_a_day():
     """Recovery: GRACE-B 2014-01-15: firings first, held-out gain as large as in sample; the delay has two names."""
-    document, _ = commands.run("thrusters", MEASURED / "grace-2014-01-15", discovery=True, satellite="B")
+    document, _ = commands.run("thrusters", commands.MEASURED / "grace-2014-01-15", discovery=True, satellite="B")
     found = {one["cause"]: one for one in document["findings"]}
     named = found["torque.thruster_firings"]
     assert next(iter(found)) == "torque.thruster_firings"

@@ -1,20 +1,11 @@
-"""Measured files, and small files to damage."""
-
-from pathlib import Path
+"""Small files to damage."""
 
 import numpy as np
 import pytest
 
 from gravcal.io.writers import write
 
-MEASURED = Path(__file__).parents[3] / "shared" / "data"
 START = 738849600  # 2023-06-01 00:00:00 GPS
-
-
-@pytest.fixture(scope="session")
-def measured():
-    """Folder of measured Level-1 data."""
-    return MEASURED
 
 
 @pytest.fixture

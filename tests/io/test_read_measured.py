@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from commands import MEASURED
 from numpy.testing import assert_array_equal
 
 from gravcal.io.archive import find, inventory
@@ -9,6 +10,7 @@ from gravcal.io.readers import read
 from gravcal.io.writers import write
 
 pytestmark = pytest.mark.measured
+DAY = MEASURED / "gracefo-2023-06-01"
 TIGHT = 1e-14  # relative: the text prints 16 digits
 WRITTEN = ("ACC1A", "ACT1A", "ACT1B", "SCA1A", "SCA1B", "MAG1A", "MAG1B", "GNV1B", "GNI1B", "CLK1B", "TIM1B", "KBR1B")
 SINGLE = 1e-6  # relative: 16 digits of a number that is a float32
@@ -19,9 +21,9 @@ def _same(one, other, names=None):
         assert_array_equal(one[name].values, other[name].values, err_msg=name)
 
 
-def test_every_measured_file_reads_with_all_its_records(measured):
+def test_every_measured_file_reads_with_all_its_records():
     """Contract: no product is left out; 100 lines after the header, 100 records, whatever prod_flag says."""
-    files, counted = inventory(measured), 0
+    files, counted = inventory(MEASURED), 0
     products = {file.product for file in files}
     assert len(products) >= 50
     for file in files:
@@ -60,18 +62,18 @@ SRF = {"lin_accl_x": 8, "lin_accl_y": 6, "lin_accl_z": 7, "ang_accl_x": 11, "ang
         ("SCA1B", {"quatangle": 3, "qual_rss": 7}),
     ],
 )
-def test_numbers_are_those_of_the_text(measured, product, columns):
+def test_numbers_are_those_of_the_text(product, columns):
     """Contract: bit for bit what Python's float makes of the token."""
-    file = find(measured / "gracefo-2023-06-01", product, "C", "2023-06-01")
+    file = find(DAY, product, "C", "2023-06-01")
     observed = read(file)
     for name, place in columns.items():
         assert_array_equal(observed[name].values, _numbers(file, place))
         assert columns is not SRF or observed[name].attrs["frame"] == "b"
 
 
-def test_values_that_a_record_lacks_are_nan(measured):
+def test_values_that_a_record_lacks_are_nan():
     """Contract: TNK1A has two kinds of records; each holds what its prod_flag says."""
-    observed = read(find(measured / "gracefo-2023-06-01", "TNK1A", "C", "2023-06-01"))
+    observed = read(find(DAY, "TNK1A", "C", "2023-06-01"))
     for name, bit in (("tank_pres", 0), ("reg_pres", 1), ("skin_temp", 2), ("boss_sliding", 6)):
         present = observed.prod_flag.values >> bit & 1 == 1
         assert_array_equal(np.isfinite(observed[name].values), present)
@@ -80,11 +82,11 @@ def test_values_that_a_record_lacks_are_nan(measured):
     assert_array_equal(observed.boss_sliding.values[rows][0], 4.772736072540283)
 
 
-def test_binary_equals_text_record_by_record(measured):
+def test_binary_equals_text_record_by_record():
     """Contract: 2003-09-14, every product of A, B and X; float32 columns to their own precision."""
     pairs = 0
-    for file in inventory(measured / "grace-2003-09-14" / "binary"):
-        text = read(find(measured / "grace-2003-09-14" / "ascii", file.product, file.satellite, file.date))
+    for file in inventory(MEASURED / "grace-2003-09-14" / "binary"):
+        text = read(find(MEASURED / "grace-2003-09-14" / "ascii", file.product, file.satellite, file.date))
         binary = read(file)
         assert set(text) == set(binary)
         for name in text:
@@ -99,9 +101,9 @@ def test_binary_equals_text_record_by_record(measured):
     assert pairs == 41
 
 
-def test_daily_archives_hold_what_the_loose_files_hold(measured):
+def test_daily_archives_hold_what_the_loose_files_hold():
     """Contract: members are read without extraction; AppleDouble members are no files."""
-    files = inventory(measured / "gracefo-2023-06-01")
+    files = inventory(DAY)
     members = [f for f in files if f.member]
     loose = {f.name: f for f in files if not f.member}
     assert len(members) > 70
@@ -111,27 +113,27 @@ def test_daily_archives_hold_what_the_loose_files_hold(measured):
             _same(read(member), read(loose[member.name]))
 
 
-def test_headers_signs_of_missions_and_clean_records_are_understood(measured):
+def test_headers_signs_of_missions_and_clean_records_are_understood():
     """Published: GRACE-FO nA + nB, GRACE nA - nB (formats.md, 2.4); only a clock record that comes twice is flagged."""
-    observed = read(measured / "gracefo-2023-06-01" / "ACT1B_2024-04-01_D_04.txt")
+    observed = read(DAY / "ACT1B_2024-04-01_D_04.txt")
     assert observed.sizes["record"] == 0
     assert observed.lin_accl_x.dtype == float
-    observed = read(measured / "gracefo-2018-05-22" / "VGN1B_2018-05-22_D_04.txt")
+    observed = read(MEASURED / "gracefo-2018-05-22" / "VGN1B_2018-05-22_D_04.txt")
     assert (observed.attrs["satellite"], observed.attrs["header_satellite"]) == ("D", "C")
-    new = read(find(measured / "gracefo-2023-06-01", "MAG1B", "C", "2023-06-01"))
-    old = read(find(measured / "grace-2003-09-14" / "binary", "MAG1B", "A", "2003-09-14"))
+    new = read(find(DAY, "MAG1B", "C", "2023-06-01"))
+    old = read(find(MEASURED / "grace-2003-09-14" / "binary", "MAG1B", "A", "2003-09-14"))
     assert_array_equal(new.current_b[0], [4.621397018432617, -2.094727039337158, 1.34342896938324])
     assert_array_equal(old.current_b[0], [0 - 12.83203125, 0.3515625 - 3.427734375, 0 - 6.15234375])
     for product in ("ACC1A", "SCA1A", "SCA1B", "MAG1A", "MAG1B", "GNV1B", "GNI1B", "IMU1A", "KBR1B", "THR1B", "TIM1B"):
-        for file in (f for f in inventory(measured / "gracefo-2023-06-01") if f.product == product):
+        for file in (f for f in inventory(DAY) if f.product == product):
             assert not read(file).flag.any(), file.name
-    clock = read(find(measured / "gracefo-2023-06-01", "CLK1B", "C", "2023-06-01"))
+    clock = read(find(DAY, "CLK1B", "C", "2023-06-01"))
     assert_array_equal(np.flatnonzero(clock.flag), [1])
 
 
-def test_measured_files_written_and_read_again_are_equal(measured, tmp_path):
+def test_measured_files_written_and_read_again_are_equal(tmp_path):
     """Analytic: read after write is the identity, for every product the simulator writes."""
     for product in WRITTEN:
-        file = next(f for f in inventory(measured / "gracefo-2023-06-01") if f.product == product)
+        file = next(f for f in inventory(DAY) if f.product == product)
         observed = read(file)
         _same(observed, read(write(observed, tmp_path / file.name)))

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from commands import MEASURED
 from numpy.testing import assert_allclose
 
 from gravcal.calibrations.align import between
@@ -14,40 +15,42 @@ DAY = "2023-06-01"
 LIMITS = 20.0, 10.0, 1e-3  # s: gap, reach beyond the ends, jump
 
 
-def _tags(observed):
-    return timing.Tags(observed.time_second.values, observed.time_fraction.values)
+def _records(satellite, *products):
+    return [read(find(MEASURED / f"gracefo-{DAY}", product, satellite, DAY)) for product in products]
 
 
-def _to_gps(folder, observed, satellite):
-    tim = read(find(folder, "TIM1B", satellite, DAY))
-    clk = read(find(folder, "CLK1B", satellite, DAY))
+def _step(done, tags):
+    return (done.time_second - tags.second) + (done.time_fraction - tags.fraction)
+
+
+def _to_gps(observed, satellite):
+    tim, clk = _records(satellite, "TIM1B", "CLK1B")
     on_board = timing.tim1b_clock(
         tim.obctime.values, tim.receiver_second.values, tim.receiver_fraction.values, tim.qualflg.values
     )
     receiver = timing.clk1b_clock(clk.rcv_time.values, clk.eps_time.values, clk.eps_drift.values, clk.qualflg.values)
-    tags, lost = timing.converted(_tags(observed), on_board, *LIMITS)
+    tags = timing.Tags(observed.time_second.values, observed.time_fraction.values)
+    tags, lost = timing.converted(tags, on_board, *LIMITS)
     tags, lost_too = timing.converted(tags, receiver, *LIMITS)
     return tags, lost | lost_too
 
 
 @pytest.mark.parametrize(("satellite", "offset"), [("C", -0.016671), ("D", -0.017256)])
-def test_magnetometer_tags_move_by_the_clock_offset(measured, satellite, offset):
+def test_magnetometer_tags_move_by_the_clock_offset(satellite, offset):
     """Published: MAG1B - MAG1A of data/README.md, to 1 us, the resolution of the tags."""
-    folder = measured / "gracefo-2023-06-01"
-    raw, done = (read(find(folder, product, satellite, DAY)) for product in ("MAG1A", "MAG1B"))
+    raw, done = _records(satellite, "MAG1A", "MAG1B")
     step = (done.time_second - raw.time_second) + (done.time_fraction - raw.time_fraction)
     assert_allclose(step, offset, atol=1e-6)
-    tags, lost = _to_gps(folder, raw, satellite)
+    tags, lost = _to_gps(raw, satellite)
     assert not lost.any()
-    assert_allclose((done.time_second - tags.second) + (done.time_fraction - tags.fraction), 0, atol=1e-6)
+    assert_allclose(_step(done, tags), 0, atol=1e-6)
 
 
 @pytest.mark.parametrize("satellite", ["C", "D"])
-def test_gyro_tags_are_reproduced(measured, satellite):
+def test_gyro_tags_are_reproduced(satellite):
     """Published: IMU 1A to 1B to 1 us (data/README.md); the angles tell which records belong together."""
-    folder = measured / "gracefo-2023-06-01"
-    raw, done = (read(find(folder, product, satellite, DAY)) for product in ("IMU1A", "IMU1B"))
-    tags, lost = _to_gps(folder, raw, satellite)
+    raw, done = _records(satellite, "IMU1A", "IMU1B")
+    tags, lost = _to_gps(raw, satellite)
     both = [
         np.unique(
             list(zip(o.gyro_id.values, o.FiltAng.values, strict=True)), axis=0, return_index=True, return_counts=True
@@ -62,22 +65,19 @@ def test_gyro_tags_are_reproduced(measured, satellite):
     assert_allclose(step, 0, atol=1e-6)
 
 
-def test_thruster_tags_are_reproduced_where_the_clock_files_reach(measured):
+def test_thruster_tags_are_reproduced_where_the_clock_files_reach():
     """Published: THR 1A to 1B to 1 us (data/README.md); beyond the 100 clock records tags are undetermined."""
-    folder = measured / "gracefo-2023-06-01"
-    raw, done = (read(find(folder, product, "C", DAY)) for product in ("THR1A", "THR1B"))
-    tags, lost = _to_gps(folder, raw, "C")
+    raw, done = _records("C", "THR1A", "THR1B")
+    tags, lost = _to_gps(raw, "C")
     assert 3 <= (~lost).sum() < len(lost)
-    step = (done.time_second - tags.second) + (done.time_fraction - tags.fraction)
-    assert_allclose(step[~lost], 0, atol=1e-6)
+    assert_allclose(_step(done, tags)[~lost], 0, atol=1e-6)
     assert np.isnan(tags.time[lost]).all()
 
 
-def test_accelerometer_at_whole_seconds_is_what_act1b_was_made_of(measured):
+def test_accelerometer_at_whole_seconds_is_what_act1b_was_made_of():
     """Published: rms 1.5e-11, 1.0e-11, 2.2e-11 m s-2 (data/README.md), to a unit of the last digit."""
-    folder = measured / "gracefo-2023-06-01"
-    raw, done = (read(find(folder, product, "C", DAY)) for product in ("ACC1A", "ACT1B"))
-    tags, lost = _to_gps(folder, raw, "C")
+    raw, done = _records("C", "ACC1A", "ACT1B")
+    tags, lost = _to_gps(raw, "C")
     assert not lost.any()
     inside = between(done.time_tag.values, tags.time, 0.11)
     rms = []
@@ -89,10 +89,9 @@ def test_accelerometer_at_whole_seconds_is_what_act1b_was_made_of(measured):
     assert_allclose(np.array(rms) * 1e11, [1.5, 1.0, 2.2], atol=0.1)
 
 
-def test_microwave_and_laser_range_rate_agree(measured):
+def test_microwave_and_laser_range_rate_agree():
     """Published: KBR minus LRI mean 1.7e-8, std 6.2e-8 m s-1 (data/README.md), to the printed rounding."""
-    folder = measured / "gracefo-2023-06-01"
-    kbr, lri = (read(find(folder, product, "Y", DAY)) for product in ("KBR1B", "LRI1B"))
+    kbr, lri = _records("Y", "KBR1B", "LRI1B")
     _, ik, il = np.intersect1d(kbr.time_second, lri.time_second, return_indices=True)
     rates = [o.range_rate + o.lighttime_rate + o.ant_centr_rate for o in (kbr, lri)]
     difference = rates[0].values[ik] - rates[1].values[il]
