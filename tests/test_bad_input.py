@@ -8,7 +8,6 @@ import re
 import shutil
 from pathlib import Path
 
-import h5py
 import numpy as np
 import pytest
 import seeds
@@ -170,32 +169,19 @@ def one(folder, start):
     return next(folder.glob(f"{start}*"))
 
 
-def edit(path, name, change):
-    """Change a variable of a netCDF file in place."""
-    with h5py.File(path, "r+") as file:
-        values = file[name][...]
-        file[name][...] = change(values)
-
-
-def without_orbit(folder):
-    """Neither of the two orbit products."""
-    for product in ("GNI1B", "GNV1B"):
-        damage.missing(one(folder, product))
-
-
 def edited(start, name, change):
     """Damage that changes a variable of the file whose name begins so."""
-    return lambda folder: edit(one(folder, start), name, change)
+    return lambda folder: damage.netcdf(one(folder, start), [name], lambda values: [change(values)])
 
 
-def damaged(how, start):
-    """Damage of the file whose name begins so."""
-    return lambda folder: how(one(folder, start))
+def damaged(how, *starts):
+    """Damage of the files whose names begin so."""
+    return lambda folder: [how(one(folder, start)) for start in starts]
 
 
 HOPELESS = {  # calibration, damage, what the message has to name
     "wrong satellite": ("com_offset", damaged(damage.wrong_satellite, "SCA1B"), "SCA1B"),
-    "missing orbit": ("com_offset", without_orbit, "GNI1B"),
+    "missing orbit": ("com_offset", damaged(damage.missing, "GNI1B", "GNV1B"), "GNI1B"),
     "kbr no ranging": ("kbr_phase_centre", damaged(damage.missing, "KBR1B"), "KBR1B"),
     "is1 wrong day": ("inertial_sensor", edited("IS1", "time", lambda t: t + 86400), "day"),
     "is1 all missing": ("inertial_sensor", edited("IS1", "V_x1", lambda v: v * np.nan), "voltages"),

@@ -1,13 +1,12 @@
 """Checks of com_offset: records that contradict each other, and results that cannot be."""
 
-import json
 import shutil
 
 import com_offset_chain as tools
+import commands
 import numpy as np
 import pytest
 import xarray as xr
-from commands import gravcal
 from independent import make_event
 from independent.damage import MARK
 
@@ -20,7 +19,6 @@ from gravcal.discovery.evidence import evidence
 from gravcal.errors import EstimationError
 from gravcal.estimation.quantities import result_of
 from gravcal.estimation.records import Entry, Parameter
-from gravcal.store.schemas import validate
 
 LIMITS = catalog.parameters("com_offset").for_stage("checks")
 X, Y, VX, VY = 3, 4, 9, 10  # columns of GNI1B
@@ -32,12 +30,6 @@ def files(tmp_path_factory):
     folder = tmp_path_factory.mktemp("checks") / "files"
     make_event(folder, 5, manoeuvres=[("pitch", "high"), ("roll", "high")], field_generation=14)
     return folder
-
-
-def ran(folder, out):
-    """Exit code and document of a run on the command line."""
-    code = gravcal("run", "com_offset", "--data", folder, "--engine", "inline", "--json", out)
-    return code, json.loads(out.read_text())
 
 
 def failed(document):
@@ -55,8 +47,7 @@ def test_an_orbit_that_contradicts_other_records_makes_the_result_questionable(f
     for row in rows:
         row[X], row[Y], row[VX], row[VY] = row[Y], row[X], row[VY], row[VX]
     path.write_bytes(head + MARK + b"".join(b" ".join(row) + b"\n" for row in rows))
-    code, document = ran(folder, tmp_path / "result.json")
-    validate(document)
+    code, document = commands.document("run", "com_offset", folder, origin="measured")
     assert (code, document["status"]) == (4, "questionable")
     assert contradicted <= failed(document)
     page, line = (next((tmp_path / "products").rglob(name)) for name in ("report.html", "result.vcm"))
@@ -66,9 +57,9 @@ def test_an_orbit_that_contradicts_other_records_makes_the_result_questionable(f
     assert "QUESTIONABLE" in line.read_text()
 
 
-def test_a_day_without_contradiction_passes_all_its_checks(files, tmp_path):
+def test_a_day_without_contradiction_passes_all_its_checks(files):
     """Contract: exit code 0, every check made and passed, each with a finite value and its limit."""
-    code, document = ran(files, tmp_path / "result.json")
+    code, document = commands.document("run", "com_offset", files, origin="measured")
     assert (code, document["status"], failed(document)) == (0, "delivered", set())
     assert len(document["checks"]) == len({one["name"] for one in document["checks"]}) == 23
     assert all(np.isfinite([one["value"], one["limit"]]).all() for one in document["checks"])
