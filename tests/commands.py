@@ -1,9 +1,11 @@
 """Commands and flows in this process, on the files of a folder; pages of docs; servers on loopback."""
 
 import contextlib
+import io
 import json
 import re
 import sys
+import tarfile
 import threading
 import time
 from http.server import ThreadingHTTPServer
@@ -64,6 +66,16 @@ def serving(handler):
         finally:
             server.shutdown()
             thread.join()
+
+
+def tarred(path, members, kind=tarfile.REGTYPE):
+    """Archive with members, {name: bytes or a number of zeros}, or with links of these names."""
+    with tarfile.open(path, "w:gz", compresslevel=1) as packed:
+        for name, data in members.items():
+            item = tarfile.TarInfo(name)
+            item.size, item.type, item.linkname = len(bytes(data)), kind, "elsewhere" * (kind != tarfile.REGTYPE)
+            packed.addfile(item, io.BytesIO(bytes(data)))
+    return path
 
 
 def until(found, seconds, every=0.1):

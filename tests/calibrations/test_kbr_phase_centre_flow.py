@@ -94,8 +94,7 @@ def test_the_scatter_between_wiggles_and_printed_tables_stand_beside_the_errors(
 
 def test_two_hours_of_ranging_without_wiggles_say_so(tmp_path):
     """Contract: status no_manoeuvre, no vectors; the page says what routine pointing can tell."""
-    settings = QUICK | {"manoeuvres": ","}
-    kbr_phase_centre.CALIBRATION.simulate(tmp_path, seed=2, truth=None, effects={}, settings=settings)
+    commands.simulated("kbr_phase_centre", tmp_path, 2, **QUICK, manoeuvres=",")
     (ranging,) = tmp_path.glob("KBR1B*")
     header, mark, body = ranging.read_text().partition("# End of YAML header\n")
     ranging.write_text(header + mark + "".join(body.splitlines(keepends=True)[:1440]))
@@ -123,8 +122,7 @@ def test_a_campaign_over_days_is_one_solution(tmp_path):
     shared = QUICK | {"quiet_s": 600.0, "first_start_s": 2000.0}
     for date, letter in (("2020-09-17", "a"), ("2020-09-19", "b")):
         wiggles = ",".join(f"{sign}{axis}_{letter}" for axis in ("pitch", "yaw") for sign in "+-")
-        settings = shared | {"date": date, "manoeuvres": wiggles}
-        truth = kbr_phase_centre.CALIBRATION.simulate(tmp_path, seed=4, truth=None, effects={}, settings=settings)
+        truth = commands.simulated("kbr_phase_centre", tmp_path, 4, **shared, date=date, manoeuvres=wiggles)
     document, ref = run(tmp_path)
     assert document["event"] == "grace-cd-2020-09-17"
     assert [one["kind"] for one in document["manoeuvres"]] == 2 * ["+pitch", "-pitch", "+yaw", "-yaw"]

@@ -1,24 +1,15 @@
 """Files in folders and archives: which one is found, and what is refused."""
 
-import io
 import tarfile
 
 import pytest
+from commands import tarred
 from numpy.testing import assert_array_equal
 
 from gravcal.errors import ProductError
 from gravcal.io.archive import find, inventory
 from gravcal.io.readers import read
 from gravcal.io.writers import file_name, write
-
-
-def _packed(path, members, kind=tarfile.REGTYPE):
-    with tarfile.open(path, "w:gz") as packed:
-        for name, data in members.items():
-            item = tarfile.TarInfo(name)
-            item.size, item.type, item.linkname = len(data), kind, "elsewhere" if kind != tarfile.REGTYPE else ""
-            packed.addfile(item, io.BytesIO(data))
-    return path
 
 
 @pytest.fixture
@@ -28,7 +19,7 @@ def member(tmp_path, attitude_file):
     attitude_file.unlink()
     name = attitude_file.name
     members = {f"./._{name}": b"Mac OS X", f"./{name}": data, name.replace("txt", "rpt"): b"1 2 3\n"}
-    return _packed(tmp_path / "gracefo_1B_2023-06-01_RL04.ascii.noLRI.tgz", members)
+    return tarred(tmp_path / "gracefo_1B_2023-06-01_RL04.ascii.noLRI.tgz", members)
 
 
 def test_members_are_found_and_read_after_loose_files_and_newer_releases(member, attitude):
@@ -70,7 +61,7 @@ def test_of_several_days_and_letters_that_which_is_meant_is_found(tmp_path, atti
 )
 def test_members_that_leave_the_folder_and_links_are_refused(tmp_path, name, kind, words):
     """Contract: whatever else is in the archive; a link with the name of a product is no file."""
-    _packed(tmp_path / "x.tgz", {name: b"data" if kind == tarfile.REGTYPE else b""}, kind)
+    tarred(tmp_path / "x.tgz", {name: b"data" if kind == tarfile.REGTYPE else b""}, kind)
     with pytest.raises(ProductError, match=words):
         inventory(tmp_path)
 

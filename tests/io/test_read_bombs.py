@@ -1,7 +1,6 @@
 """Files that unpack to far more than they hold are refused in one line, and nothing of theirs is kept in memory."""
 
 import gzip
-import io
 import subprocess
 import sys
 import tarfile
@@ -9,6 +8,7 @@ import tarfile
 import h5py
 import numpy as np
 import pytest
+from commands import tarred
 
 from gravcal.errors import ProductError
 from gravcal.io import archive, daily
@@ -16,16 +16,6 @@ from gravcal.io.archive import inventory
 from gravcal.io.readers import read
 
 NAME = "SCA1B_2023-06-01_C_04.txt"
-
-
-def tarred(path, members):
-    """Archive with members of zeros, {name: size}."""
-    with tarfile.open(path, "w:gz", compresslevel=1) as packed:
-        for name, size in members.items():
-            item = tarfile.TarInfo(name)
-            item.size = size
-            packed.addfile(item, io.BytesIO(bytes(size)))
-    return path
 
 
 @pytest.fixture

@@ -12,6 +12,7 @@ from gravcal.physics import dynamics, frames, gravity
 from gravcal.physics.constants import GM
 
 QUIET = {"edges": np.array([0.0, 1.0]), "dipole_b": np.zeros((1, 3)), "field_time": np.arange(0.0, 1001.0, 100.0)}
+REST = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
 
 
 def quiet(inertia, **changes):
@@ -103,10 +104,9 @@ def test_on_an_edge_the_acceleration_is_the_one_after_it():
         dipole_b=np.array([[0, 10.0, 0], [0, -10.0, 0]]),
         field_i=np.tile([30e-6, 0, 0], (11, 1)),
     )
-    state = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
     at = np.array([0.0, 4.999, 5.0, 9.999, 10.0])
     for end in (3, 5):  # the edge as last epoch and in the middle
-        _, rate, rate_dot = dynamics.integrate(at[:end], state, torque)
+        _, rate, rate_dot = dynamics.integrate(at[:end], REST, torque)
         assert_allclose(
             rate_dot[:, 2], np.array([-3e-6, -3e-6, 3e-6, 3e-6, 0])[:end], rtol=1e-6, atol=1e-12
         )  # turned 4e-5
@@ -133,14 +133,10 @@ def test_an_extra_torque_may_ramp_and_jump():
         extra_time=np.array([0.0, 2.0, 2.0, 4.0]),
         extra_b=np.outer([0, 1.0, 3, 3], [0, 0, 1]),
     )
-    state = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
     at = np.array([1.0, 2.0, 3.0, 4.0, 9.0])
-    _, rate, rate_dot = dynamics.integrate(at, state, torque, max_step=10.0)
+    _, rate, rate_dot = dynamics.integrate(at, REST, torque, max_step=10.0)
     assert_allclose(rate[:, 2] * 1e4, [0.25, 1, 4, 7, 7], rtol=1e-13)  # rounding
     assert_allclose(rate_dot[:, 2] * 1e4, [0.5, 3, 3, 0, 0], rtol=1e-13, atol=1e-16)  # rounding
-
-
-REST = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.zeros(3))
 
 
 @pytest.mark.parametrize(

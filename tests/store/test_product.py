@@ -182,8 +182,7 @@ def test_a_result_is_kept_as_quantities(tmp_path):
     result = {"a/b~": [1, 2.5, np.float64(3.0), None, True, ""], "c": {}, "d": [[], {"e": np.int64(4)}], "f": np.nan}
     kept = product.settled(tabled(xr.Dataset({"x": ("x", [1.0])}), {"old": 1}))
     kept = product.settled(tabled(kept, result | {"g": np.inf}))
-    product.write(kept, tmp_path / "product.nc")
-    read = product.from_bytes((tmp_path / "product.nc").read_bytes())
+    read = back(kept, tmp_path / "product.nc")
     found = result_of(read)
     assert found == result | {"f": None, "g": None}
     assert [type(one) for one in found["a/b~"][:5]] == [int, float, float, type(None), bool]
