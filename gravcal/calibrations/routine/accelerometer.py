@@ -267,7 +267,7 @@ def _first_delay(aligned, pieces, observed):
     left = [one[:, slice(3, None) if observed[:, 3:].any() else slice(3)] for one in _left(pieces, observed)]
     rows, series = np.concatenate([rows for rows, *_ in pieces]), np.nan_to_num(np.concatenate(left))
     series = series / np.maximum(series.std(axis=0), 1e-300)
-    # whole steps by which firings are late, where a lag beyond LATEST_S stands out of readings by the share of each pair
+    # whole steps by which firings are late, where a lag beyond LATEST_S stands out of readings by shares of pairs
     step, share = float(aligned["step"]), duty(aligned, 0.0)
     read = np.zeros((len(share), series.shape[1]))
     read[rows] = series
