@@ -4,12 +4,14 @@ import itertools
 import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from gravcal.estimation import quantities
-from gravcal.estimation.noise import Spectrum
+
+if TYPE_CHECKING:  # the command line reads this module
+    from gravcal.estimation.noise import Spectrum
 
 Numbers = Sequence[float | None]  # None where the data determine none
 
@@ -264,7 +266,7 @@ class Observations(Protocol):
     #: {channel: quiet samples an axis that its noise was measured from}, none where it was measured in the rows
     quiet: Mapping[str, float] = {}
     noise_order: Mapping[str, int] = {}  #: {channel: coefficients of its noise model}
-    spectra: Mapping[str, Sequence[Spectrum]] = {}  #: {channel: of its axes}, where their errors change with frequency
+    spectra: Mapping[str, Sequence["Spectrum"]] = {}  #: {channel: of its axes}, where errors change with frequency
     step: str = "unknown:step"  #: cause of a step at the epochs of `Block.steps`
     tones: Mapping[str, str] = {}  #: {channel: cause of a line} of lines in the rounds
     lines: tuple[LineSearch, ...] = ()  #: lines looked for in what the rounds leave

@@ -10,7 +10,7 @@ import pandas as pd
 import xarray as xr
 
 from gravcal import toml
-from gravcal.calibrations.checks import at_least, at_most
+from gravcal.calibrations.checks import at_most
 from gravcal.estimation.outcome import Gain, NamedCause, Outcome, Shown, outcome_of
 from gravcal.estimation.quantities import plain as tables_of
 from gravcal.estimation.records import Reported
@@ -89,8 +89,6 @@ def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
                 known, limit = outcome.expected[name]
                 off = abs(value - known), max(limit, WIDE * sigma)
                 checks.append(at_most(f"{name} against the catalogue", *off, unit))
-        if any(one.adopted for one in outcome.findings):  # a model that leaves more than noise has moved the result
-            checks.append(at_least("probability of what the model leaves", outcome.p_after, outcome.level, "1"))
         outcome = replace(outcome, calibration_change=change)
         body = {name: one for name, one in tables_of(outcome).items() if name not in ("readings", "expected")}
         body["calibration_change"] |= {"joint_fit": tables_of(joint)} if combined else {}
