@@ -152,8 +152,10 @@ class InertialSensor(records.Observations):
 
     def spacing(self, epoch: float) -> float:
         """Spacing s of the search for steps where an epoch lies."""
-        rolling = self.roll and self.roll.segment_of(epoch) is not None
-        return observed_roll.STEP_EVERY_S if rolling else responses.STEP_S
+        if self.roll and self.roll.segment_of(epoch) is not None:
+            return observed_roll.STEP_EVERY_S
+        swung = self.swing.record.time
+        return responses.STEP_S if swung[0] <= epoch <= swung[-1] else responses.QUIET_STEP_S
 
     def near(self, fitted: records.Fitted) -> list[records.Candidate]:
         """Steps at epochs near that of a finding, in the swing or in a segment of the roll."""

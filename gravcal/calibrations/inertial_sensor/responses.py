@@ -25,7 +25,7 @@ OTHERS += ("timing.accelerometer_delay", "timing.star_camera_delay")
 EFFECTS = (*electrodes.EFFECTS, *map(effect, OTHERS))
 #: First of the three combinations of voltages that read a channel.
 COMBINATIONS = {"linear": slice(0, 3), "angular": slice(3, 6)}
-STEP_S = 2.0  # between epochs at which a step is looked for
+STEP_S, QUIET_STEP_S = 2.0, 6.0  # between epochs at which a step is looked for, in a swing and in the quiet data beside
 MARGIN_S = 10.0  # from the ends of the record, where none is
 MEMORIES_S = (4.0, 12.0, 40.0)  # of the size of a rate that may warm or charge something
 FIXED_POINT = 6  # times that offset and effects follow from each other
@@ -36,8 +36,10 @@ def of_swing(view: SwingView) -> list[Candidate]:
     about, candidates = view.context(), []
     for entry in EFFECTS:
         candidates += listed(entry, view.cut(**_of_effect(view, entry, about))).each_alone()
-    time = view.time
-    candidates += steps(view, np.arange(time[0] + MARGIN_S, time[-1] - MARGIN_S, STEP_S))
+    epochs = np.arange(view.time[0] + MARGIN_S, view.time[-1] - MARGIN_S, STEP_S)
+    kept = [abs(at - view.record.time.mean()) < np.ptp(view.record.time) / 2 for at in epochs]
+    kept |= np.arange(epochs.size) % round(QUIET_STEP_S / STEP_S) == 0
+    candidates += steps(view, epochs[kept])
     series = list(_series(view, about))
     for driver, form, values in series:
         columns = view.cut(linear=view.linear_rows(view.binned(values)[:, None, None] * np.eye(3)))
