@@ -465,15 +465,15 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
 
     Names that pass no more beside it go, and lines in its band: a line, a step or a cause of the catalogue takes some
     of the power of a chirp or of a signal that jumps at random. An excess that is small beside the names is what their
-    form leaves, and gets none.
+    form leaves, and gets none. Two levels are looked for until they are found.
     """
+    jumps = None
     for _ in range(EXCESSES):
         if after.excess_p >= choice.excess_level:
             break
-        known = [(k, one.form) for k, one in chosen if one.cause == trials.EXCESS]
-        baseline, jumped = baseline_of(problem, [k for k, _ in known]), any("jumps" in form for _, form in known)
-        jumps = None if jumped else trials.telegraph_of(problem, baseline, after.excess.channel)
-        candidate = jumps or trials.excess_of(problem, after.excess)
+        baseline = baseline_of(problem, [k for k, one in chosen if one.cause == trials.EXCESS])
+        found = None if jumps else trials.telegraph_of(problem, baseline, after.excess.channel)
+        candidate, jumps = found or trials.excess_of(problem, after.excess), jumps or found
         if candidate is None:
             break
         used = [k for k, _ in chosen]
@@ -482,7 +482,7 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         ratio = attribution.beside(grown, used, index)
         about = ratio.gain, ratio.dof, ratio.log_p, after.excess_p
         trial = trials.Trial("excess", candidate.cause, candidate.form, index, *about)
-        low, high = (0.0, np.inf) if jumps else sorted(after.excess.band)
+        low, high = (0.0, np.inf) if found else sorted(after.excess.band)
         lines = [one for one in chosen if one[1].kind == "line" and one[1].channel == after.excess.channel]
         lines = [one for one in lines if low <= one[1].at <= high]
         others = [one for one in chosen if one not in lines]
