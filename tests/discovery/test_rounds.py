@@ -178,6 +178,22 @@ def test_steps_of_one_size_are_one_signal_between_two_levels(sizes, steps):
     assert found.count("unknown:excess") == (not steps)
 
 
+def test_a_telegraph_signal_is_one_name_where_some_of_its_jumps_were_named_as_steps():
+    """Recovery: 18 jumps in 800 rows, of 4 standard deviations; a step is offered every 20 rows."""
+    rng = np.random.default_rng(0)
+    level = 2 * np.cumprod(np.where(rng.random(800) < 0.02, -1, 1))
+    time, nothing = np.arange(800.0), np.zeros((800, 1))
+    block = Block.of(
+        "one", rng.standard_normal(800) + level, "linear", 0, time, shared=nothing, local=np.ones((800, 1))
+    )
+    at = np.arange(20.0, 780.0, 20.0)
+    after = [(time >= one).astype(float)[:, None] for one in at]
+    steps = [Candidate(f"case.step@{t}", "", ["size"], ["m"], [c], [9.0], at=t) for t, c in zip(at, after, strict=True)]
+    found = search([block], steps, CHOICE, np.random.default_rng(1)).findings
+    jumps = np.count_nonzero(np.diff(level))
+    assert [one.form for one in found] == [f"linear reading x, {jumps} jumps between two levels"]
+
+
 def without(values, columns):
     """Values without columns."""
     return values - columns @ np.linalg.lstsq(columns, values, rcond=None)[0]
