@@ -12,7 +12,7 @@ from scipy.optimize import nnls
 from scipy.signal import lfilter
 from scipy.special import chdtrc
 
-from gravcal.estimation.least_squares import orthonormal
+from gravcal.estimation.least_squares import orthonormal, polynomial
 
 PIECE = 32  # rows that are whitened by one product of matrices, which needs no compiler; wide columns take least so
 
@@ -579,7 +579,7 @@ def without_slow_lines(segments: list[np.ndarray], order: int, step_s: float) ->
 def _sine(values, turns, degree):
     """Best sine (n,) of so many turns a sample beside a polynomial in values (n,), then both together."""
     good, phase = np.isfinite(values), 2 * np.pi * turns * np.arange(values.size)
-    slow = np.polynomial.legendre.legvander(np.linspace(-1, 1, values.size), degree)
+    slow = polynomial(np.arange(values.size), degree, 0, values.size - 1)
     columns = np.column_stack([np.cos(phase), np.sin(phase), slow])
     value = np.linalg.lstsq(columns[good], values[good], rcond=None)[0]
     return columns[:, :2] @ value[:2], columns @ value

@@ -184,7 +184,7 @@ def _coloured(bins, variance, count, step_s):
     knots = np.geomspace(MOTION_HZ, 0.5 / step_s, KNOTS)
     for axis in range(3 if whole else 0):
         parts = [(values[:, axis], len(values), int(2 * len(values) * step_s * MOTION_HZ)) for values in whole]
-        rows = [(one, np.polynomial.legendre.legvander(np.linspace(-1, 1, n), degree)) for one, n, degree in parts]
+        rows = [(one, least_squares.polynomial(np.arange(n), degree, 0, n - 1)) for one, n, degree in parts]
         spectrum = fit_spectrum(rows, step_s, knots)
         away = spectrum.log_density - spectrum.log_density.mean()
         if not chdtrc(KNOTS - 1, away @ np.linalg.solve(spectrum.covariance, away)) > FLAT:
@@ -217,7 +217,7 @@ def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, *bins: float) -> list[
 
 def cubic(count: int) -> np.ndarray:
     """Columns (count, 4) of the slow part of quiet data."""
-    return np.polynomial.legendre.legvander(np.linspace(-1, 1, count), 3)
+    return least_squares.polynomial(np.arange(count), 3, 0, count - 1)
 
 
 def _motion(prepared, fitted):
