@@ -255,16 +255,24 @@ def _make(call, key, wanted, modules):
         "from": [keys.traced(item) for item in call.inputs],
         "versions": keys.versions(),
     }
-    stated, own = wanted.get("origin"), dataset.attrs.get("origin", "")  # of a file: what the event, or the body says
-    origins = [
-        (stated or own or archive.origin_of(item)) if keys.is_file(item) else content.attrs.get("origin", "")
-        for item, content in zip(call.inputs, contents, strict=True)
-    ]  # what the body says may make measured simulated, never the reverse
-    found = max(product.origins_together(origins), own, key=("", *product.ORIGINS).index)
+    found = _origin(call, contents, wanted.get("origin"), dataset.attrs.get("origin", ""))
     dataset = product.check(dataset, call.stage.writes).assign_attrs({"origin": found} if found else {})
     if store.find(key) and not usable(key):
         store.set_aside(store.folder_of(key), "made again, for other versions had made it")
     return store.put(key, wanted, (dataset, files), facts)
+
+
+def _origin(call, contents, stated, own):
+    """Origin of what a stage made: that of all its inputs, of a file what the event, the body or its header says.
+
+    What the body says may make measured simulated, never the reverse.
+    """
+    inputs_of = zip(call.inputs, contents, strict=True)
+    found = [
+        (stated or own or archive.origin_of(item)) if keys.is_file(item) else content.attrs.get("origin", "")
+        for item, content in inputs_of
+    ]
+    return max(product.origins_together(found), own, key=("", *product.ORIGINS).index)
 
 
 def _of_input(error, call):

@@ -92,21 +92,27 @@ def converted(tags: Tags, clock: Clock, gap_s: float, reach_s: float, jump_s: fl
     knot = np.maximum(knot, 0)
     past = (tags.second - clock.second[knot]) + tags.fraction
     steps, rises = np.diff(clock.second), np.diff(clock.offset)
-    # whether the clock may be followed from each knot to the next
-    steady = np.abs(clock.offset[1:] - (clock.offset[:-1] + clock.drift[:-1] * steps)) <= jump_s
-    flagged = clock.ends[:-1] | clock.starts[1:]
-    unexplained = (steps == 0) & ~flagged  # two offsets at one second, and nothing says which holds
-    doubtful = np.append(unexplained, False) | np.insert(unexplained, 0, False)
-    reachable = np.append((steps <= gap_s) & steady & ~flagged & ~(doubtful[:-1] | doubtful[1:]), False)
     slope = np.append(np.divide(rises, steps, out=np.zeros(len(steps)), where=steps > 0), clock.drift[-1])
     offset = clock.offset[knot] + np.where(before, clock.drift[knot], slope[knot]) * past
-    determined = reachable[knot] | (past == 0)
+    determined = _reachable(clock, gap_s, jump_s)[knot] | (past == 0)
     outside = before | (knot == len(clock.second) - 1)
     open_end = np.where(before, ~clock.starts[0], ~clock.ends[-1])
     determined[outside] = (open_end & (np.abs(past) <= reach_s))[outside]
     determined |= (past == 0) & ~before
     undetermined = ~determined | ~np.isfinite(tags.fraction)
     return normalised(tags.second, np.where(undetermined, np.nan, tags.fraction + offset)), undetermined
+
+
+def _reachable(clock, gap_s, jump_s):
+    """Whether the clock may be followed from each knot to the next."""
+    steps = np.diff(clock.second)
+    foretold = clock.offset[:-1] + clock.drift[:-1] * steps
+    steady = np.abs(clock.offset[1:] - foretold) <= jump_s
+    flagged = clock.ends[:-1] | clock.starts[1:]
+    unexplained = (steps == 0) & ~flagged  # two offsets at one second, and nothing says which holds
+    doubtful = np.append(unexplained, False) | np.insert(unexplained, 0, False)
+    clear = ~(doubtful[:-1] | doubtful[1:])
+    return np.append((steps <= gap_s) & steady & ~flagged & clear, False)
 
 
 def ordered(tags: Tags, values=()) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
