@@ -144,6 +144,20 @@ def magnetic_acceleration(arc: Arc, shift: float, time: np.ndarray, field_b: np.
     return np.linalg.solve(arc.inertia, np.cross(mean_dipole(arc, time, shift, width), field_b).T).T
 
 
+def updated(solution: Solution, step: dict[str, np.ndarray]) -> Solution:
+    """Solution with a Gauss-Newton step added: angle, rate, slow, torque, shift; what is missing is held."""
+    turned = frames.quaternion_product(solution.state.quaternion, frames.from_rotation_vector(step["angle"]))
+    quaternion = turned / np.linalg.norm(turned)
+    state = replace(solution.state, quaternion=quaternion, rate_b=solution.state.rate_b + step["rate"])
+    slow = solution.torque_coefficients
+    return Solution(
+        state,
+        slow + step["slow"].reshape(slow.shape) if "slow" in step else slow,
+        solution.scale_b + step.get("torque", 0.0),
+        solution.shift + float(step["shift"][0]) if "shift" in step else solution.shift,
+    )
+
+
 @dataclass(frozen=True)
 class Window:
     """Observations of one manoeuvre."""
@@ -503,13 +517,7 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
             break
         previous = cost
         ends = np.cumsum([size for size, _ in unknowns.values()])
-        step, held = dict(zip(unknowns, np.split(step, ends[:-1]), strict=True)), solution.torque_coefficients
-        turned = frames.quaternion_product(solution.state.quaternion, frames.from_rotation_vector(step["angle"]))
-        quaternion = turned / np.linalg.norm(turned)
-        state = replace(solution.state, quaternion=quaternion, rate_b=solution.state.rate_b + step["rate"])
-        torque, later = solution.scale_b + step.get("torque", 0.0), np.sum(step.get("shift", 0.0))
-        held = held + step.get("slow", np.zeros(held.size)).reshape(held.shape)
-        solution = Solution(state, held, torque, solution.shift + float(later))
+        solution = updated(solution, dict(zip(unknowns, np.split(step, ends[:-1]), strict=True)))
     names = tuple(
         name if name == "shift" else f"{name}{k // 3 if name == 'slow' else ''}_{'xyz'[k % 3]}"
         for name, (size, _) in unknowns.items()
