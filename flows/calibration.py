@@ -103,10 +103,10 @@ class Discovery:
         results = [solved(one) if solved else self.result(source, chosen, one) for one in others]
         return self.without(source, chosen, records, model, products=products), results  # latest/ leads to it
 
-    def given(self, name, source, chosen, recorded):
-        """Records without the effects of the given model; results for its errors, and text of `model_result`."""
+    def given(self, name, source, chosen, recorded, solved=None):
+        """Records without the given model's effects; results (of ``solved``) for its errors; text of `model_result`."""
         added = model_result(chosen.model, name, recorded.digest)
-        return *self.taken_out(source, chosen, recorded, alone=bool(added)), added
+        return *self.taken_out(source, chosen, recorded, solved, alone=bool(added and not solved)), added
 
 
 @dataclass(frozen=True)

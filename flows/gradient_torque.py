@@ -31,11 +31,8 @@ def calibrate(source, chosen):
     methods.append("one_sensor")
     recorded, field = _recorded(source, chosen)
     solved = functools.partial(_solved, field=field, chosen=chosen, methods=methods)
-    observed, moved = DISCOVERY.taken_out(source, chosen, recorded, solved)
-    modelled, drags = _solved(observed, field, chosen, methods)
-    for k, name in enumerate(methods if moved else ()):
-        others = (result[1][k] for result in moved)
-        drags[k] = gradient_torque.drag_model_error(drags[k], *others, variant=name)
+    observed, *given = DISCOVERY.given("gradient_torque", source, chosen, recorded, solved)
+    modelled, drags = _solved(observed, field, chosen, methods, "", *given)
     known = []
     if chosen.truth:
         file = daily.other_file(Path(chosen.truth).expanduser(), "TRUTH", source.date)
@@ -59,17 +56,21 @@ def _recorded(source, chosen):
     return observed, gradient_torque.field(file, event=source.event, variant="")
 
 
-def _solved(observed, field, chosen, methods, suffix=""):
+def _solved(observed, field, chosen, methods, suffix="", moved=(), added=""):
     variant = suffix.removeprefix(".")
     modelled = gradient_torque.gradient(observed, field, variant=variant, **_settings("gradient", chosen))
     settings = _settings("drag", chosen)
-    return modelled, [gradient_torque.drag(modelled, variant=name + suffix, **settings) for name in methods]
+    drags = [gradient_torque.drag(modelled, variant=name + suffix, **settings) for name in methods]
+    if moved or added:
+        each = zip(methods, drags, *(other for _, other in moved), strict=True)
+        drags = [gradient_torque.drag_model_error(*own, variant=name, added=added) for name, *own in each]
+    return modelled, drags
 
 
-def by_one_sensor(source, chosen, observed):
-    """Readings with gradient and drag by one sensor, by name."""
-    field = _recorded(source, chosen)[1]
-    modelled, (drag,) = _solved(observed, field, chosen, ["one_sensor"])
+def by_one_sensor(source, chosen, observed, moved=(), added=""):
+    """Readings with gradient and drag by one sensor, by name; the drag with what a model adds."""
+    given = [(None, [drag]) for drag in moved], added
+    modelled, (drag,) = _solved(observed, _recorded(source, chosen)[1], chosen, ["one_sensor"], "", *given)
     return {"ingest": observed, "gradient": modelled, "drag": drag}
 
 
@@ -152,6 +153,7 @@ DISCOVERY = Discovery(
     records=lambda source, chosen: _recorded(source, chosen)[0],
     products=by_one_sensor,
     again=1,
+    result=lambda *given: by_one_sensor(*given)["drag"],
 )
 CALIBRATION = Calibration(
     **stated(__file__),

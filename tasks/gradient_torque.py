@@ -51,10 +51,10 @@ def drag(modelled, *, variant, **settings):
     return estimate.drag(modelled, variant=variant, **settings)
 
 
-@stage(reads=["gradient_torque.drag"], writes="gradient_torque.drag", version=1)
-def drag_model_error(found, *moved):
+@stage(reads=["gradient_torque.drag"], writes="gradient_torque.drag", version=2)
+def drag_model_error(found, *moved, added):
     """Drag with the errors of an extended model."""
-    return estimate.with_model_error(found, *moved)
+    return estimate.with_model_error(found, *moved, added=added)
 
 
 @stage(reads=[GRADIENT, f"{DRAG}|gradient_torque.truth"], writes="gradient_torque.combine", version=1)

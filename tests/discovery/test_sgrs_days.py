@@ -81,6 +81,10 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, case):
         model = next((tmp_path / "products").rglob("model.toml"))
         again = discovered(tmp_path, "--set", "discovery_level=0.0001", "--model", model)
         assert again["findings"] == []
+        how = tmp_path / "level1", "--set", "field_degree=20", "--model", model
+        result, change = commands.document("run", "gradient_torque", *how)[1], whole["calibration_change"]
+        for name, when in (("value", "after"), ("sigma", "sigma_after")):  # of a run with the model as in the search
+            assert np.allclose(1e3 * np.array(result["centre_of_pressure_m"][name]), change[when], rtol=1e-9)
 
 
 def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_path):

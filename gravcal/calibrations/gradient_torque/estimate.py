@@ -199,10 +199,12 @@ def _drawn_spectra(series, columns, step, rng):
     return [noise.from_density(density, ORDER, step) for density in np.exp(found.shares(nodes) @ drawn).T]
 
 
-def with_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Drag with covariances that hold the errors of the effects that were taken out of the readings before."""
-    held = {"drag_b": ("covariance", "covariance_total"), "pressure": ("pressure_covariance",)}
-    return replaced(found, widened(found, moved, {name: held[name] for name in held if name in found}))
+def with_model_error(found: xr.Dataset, *moved: xr.Dataset, added: str = "") -> xr.Dataset:
+    """Drag with the errors of effects taken out before; those of the pressure may be in what a search adds."""
+    new = widened(found, moved, {"drag_b": ("covariance", "covariance_total")})
+    if "pressure" in found:
+        new |= widened(found, () if added else moved, {"pressure": ("pressure_covariance",)}, added)
+    return replaced(found, new)
 
 
 def combine(

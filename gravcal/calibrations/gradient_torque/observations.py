@@ -281,6 +281,12 @@ class GradientTorque(Observations):
         return own.time[inside], predicted[inside], columns[:, inside]
 
 
+def _result(drag: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:
+    """Method, centre of pressure (3,) mm and covariance (3, 3) mm2 of "gradient_torque.drag"; NaN if not asked for."""
+    value, covariance = (drag[n].values if n in drag else np.nan for n in ("pressure", "pressure_covariance"))
+    return "torque balance", np.full(3, 1e3 * value), np.full((3, 3), 1e6 * covariance)
+
+
 NOTE = (
     "A day is looked at in stretches of two hours, with the noise measured in the day itself: the difference of "
     "both sensors, the star camera against the angular readings, and the torque that gravity gradient and control "
@@ -291,4 +297,4 @@ READINGS = {
     "attitude": " It is that of the star camera beside that to which the angular readings integrate.",
     "torque": " It is what gravity gradient and control leave.",
 }
-REPORT = Reported(note=NOTE, readings=READINGS)
+REPORT = Reported(_result, NOTE, READINGS)
