@@ -450,9 +450,9 @@ def pin(product, json) -> None:
 def unpin(product, json) -> None:
     """Let a pinned product go like any other."""
     entry = housekeeping.resolve(product)
-    was = housekeeping.unpin(entry)
+    housekeeping.unpin(entry)
     if output.delivered({"product": entry.ref.name, "key": entry.ref.key, "pinned": False}, json):
-        output.say(f"{entry.ref.name} {entry.ref.key[:12]} {'is no longer' if was else 'was not'} pinned")
+        output.say(f"{entry.ref.name} {entry.ref.key[:12]} is not pinned")
 
 
 @command_of(app)

@@ -18,7 +18,6 @@ from tasks.stage import lazy
 
 joint_report, plain = lazy("gravcal.report.joint"), lazy("gravcal.report.plain")
 
-AXES = "xyz"
 REASONS, SHOWN = 2, 4  # of a stage that a plan shows, and stages that one of them names
 COLOURS = {
     "run": "yellow",
@@ -91,19 +90,12 @@ def result(document, ref, json_path, truth=None):
     if known:
         rows.append(["truth", *[f"{value:.2f}" for value in known], "", "", ""])
     if rows:
-        errors = [f"error/sigma {axis}" for axis in AXES] if known else []
-        table(["variant", *[f"{axis} +- sigma (um)" for axis in AXES], *errors], rows)
-    adopted = (document.get("adopted") or {}).get("variant")
-    total = variants.get(adopted, {}).get("sigma_total_um") or []
-    if total and None not in total:
-        parts = ", ".join(f"{axis} {sigma:.1f}" for axis, sigma in zip(AXES, total, strict=True))
-        say(f"sigma: noise as measured; with inertia and dipole per current of the catalogue {parts} um ({adopted})")
+        errors = [f"error/sigma {axis}" for axis in plain.AXES] if known else []
+        table(["variant", *[f"{axis} +- sigma (um)" for axis in plain.AXES], *errors], rows)
     if document.get("method", "gravcal") != "gravcal":
         say(f"method: {document['method']}, for comparison only")
-    verdict = document.get("verdict")
-    text = verdict.get("text") if isinstance(verdict, dict) else verdict
-    if text:
-        say(text)
+    if document.get("verdict"):
+        say(document["verdict"]["text"])
     link = location.links(ref.event, name) / ref.stage
     folder = link if link.resolve() == ref.folder.resolve() else ref.folder
     for path in sorted(folder.iterdir()):

@@ -212,11 +212,8 @@ def pin(entry):
 
 
 def unpin(entry):
-    """Let a product go like any other; True if it was pinned."""
-    link = _pins() / entry.ref.key
-    was = link.is_symlink()
-    link.unlink(missing_ok=True)
-    return was
+    """Let a product go like any other."""
+    (_pins() / entry.ref.key).unlink(missing_ok=True)
 
 
 def _pins():
