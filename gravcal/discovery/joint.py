@@ -354,9 +354,9 @@ class Search:
             made = self.products([*others, mine])[0]
             both = np.split(np.arange(1, made.shape[1]), [made.shape[1] - 1 - int(np.prod(shape))])
             held = attribution.held_out(made, *both) if k is not None else np.nan
-            words = {"value": value[part].reshape(shape), "sigma": np.sqrt(np.diag(covariance)[part]).reshape(shape)}
+            size, error = value[part].reshape(shape), np.sqrt(np.diag(covariance)[part]).reshape(shape)
             apart = self._apart(law.cause, others, [row for row in named if row[0].cause != law.cause])
-            one = Named(mine, gain, dof, chance[law.cause][0], score, held, **words, apart=apart)
+            one = Named(mine, gain, dof, chance[law.cause][0], score, held, size, error, apart=apart)
             found.append(replace(one, ties=self._ties(one, others)) if k is not None else one)
         offset, spread = self._offsets(every, value, covariance, named)
         covariance = covariance[: ends[-1], : ends[-1]]

@@ -108,11 +108,11 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
     return concluded(begun(blocks, candidates, choice, rng), choice)
 
 
-def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> tuple:
-    """State of a search that has named what follows something, as `concluded` goes on from it."""
+def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng, before=None) -> tuple:
+    """State of a search that has named what follows something; the test of the baseline may be known before."""
     problem, outliers = adequacy.without_outliers(prepare(blocks, candidates), choice.order)
     noise = drawn_noise(problem, adequacy.DRAWS, choice.quiet, rng, choice.order, choice.spectra)
-    before = adequacy.test(problem, baseline_of(problem, ()), noise)
+    before = before or adequacy.test(problem, baseline_of(problem, ()), noise)
     problem, chosen, first = _named(problem, choice)
     chosen, after = settled(problem, chosen, choice, noise, before)
     return problem, outliers, noise, before, chosen, first, after
@@ -269,16 +269,30 @@ def _finding(problem, chosen, position, choice):
     known, entry = np.where(whole.determined, 1.0, np.nan), problem.candidates[_widest(problem, index)]
     spread = whole.covariance if entry.spread is None else whole.covariance + entry.spread
     value, sigma = whole.value * known, np.sqrt(np.diag(spread)) * known
-    numbers = {"gain": ratio.gain, "dof": ratio.dof, "significance": trial.significance, "heldout": gain}
-    words = {"cause": candidate.cause, "form": candidate.form, "tied": sorted(tied)}
-    words |= {"names": entry.names, "units": entry.units}
     alike = _as_good(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
     alike = {n: one for n, one in alike.items() if not _needless(problem, others, index, one[1], choice)} | near
     rows = [(expected, problem.candidates[k]) for expected, k in sorted(alike.values())]
     drivers = [Imitator(c.cause, c.form, max(float(e), 0.0)) for e, c in rows if not c.listed]
-    words |= {"kind": kind, "separation": apart, "imitators": drivers}
     where = trial if np.isfinite(trial.at) else candidate  # that was made of the trial that located it
-    return Finding(**words, **numbers, value=value, sigma=sigma, index=index, at=where.at, at_sigma=where.at_sigma)
+    return Finding(
+        cause=candidate.cause,
+        form=candidate.form,
+        tied=sorted(tied),
+        names=entry.names,
+        units=entry.units,
+        value=value,
+        sigma=sigma,
+        index=index,
+        gain=ratio.gain,
+        dof=ratio.dof,
+        significance=trial.significance,
+        heldout=gain,
+        kind=kind,
+        at=where.at,
+        at_sigma=where.at_sigma,
+        separation=apart,
+        imitators=drivers,
+    )
 
 
 def _widest(problem, index):

@@ -185,26 +185,25 @@ def located(trial: Trial, rows: list[Trial]) -> tuple[float, float]:
 
 def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
     """Problem that holds the trial as a candidate, and its index."""
-    where, index = {"at": trial.at, "at_sigma": trial.at_sigma}, len(problem.candidates)
     if trial.index >= 0:
         return problem, trial.index
+    names, units, everywhere = list("xyz"), ["m s-2"] * 3, False
     if trial.kind != "step":
         axes = [trial.place] if trial.place >= 0 else [0, 1, 2]
         parts = [scan.sine_columns(block, trial.channel, trial.at, axes) for block in problem.blocks]
         columns, used = scan.side_by_side(parts, range(len(parts)))
         names = [f"{p}_{'xyz'[a]}_{i}" for i in range(len(parts)) for a in axes for p in ("cosine", "sine")]
         names, columns = list(itertools.compress(names, used)), [c[:, used] for c in columns]
-        form = f"{trial.channel} reading, {trial.at:.4f} Hz"
-        return extended(problem, Candidate(trial.cause, form, names, ["1"] * len(names), columns, **where)), index
-    if trial.place >= 0:
+        units, form = ["1"] * len(names), f"{trial.channel} reading, {trial.at:.4f} Hz"
+    elif trial.place >= 0:
         columns = [b.steps[trial.at] if i == trial.place else None for i, b in enumerate(problem.blocks)]
         form = f"{problem.blocks[trial.place].label}, time {trial.at:.0f} s"
     else:
-        place = list(next(b.steps for b in problem.blocks if b.steps)).index(trial.at)
+        everywhere, place = True, list(next(b.steps for b in problem.blocks if b.steps)).index(trial.at)
         columns = [list(b.steps.values())[place] if b.steps else None for b in problem.blocks]
         form = f"{EVERYWHERE}, in the first at time {trial.at:.0f} s"
-    where["apart"] = trial.place < 0
-    return extended(problem, Candidate(trial.cause, form, ["x", "y", "z"], ["m s-2"] * 3, columns, **where)), index
+    candidate = Candidate(trial.cause, form, names, units, columns, apart=everywhere)
+    return extended(problem, replace(candidate, at=trial.at, at_sigma=trial.at_sigma)), len(problem.candidates)
 
 
 def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
@@ -243,10 +242,9 @@ def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
         about = np.clip(value + near, lower, upper), lower, upper
         shape = Shape(("begin", "end"), ("Hz", "Hz"), value, columns, *about, words=f"{words}, {PATHS[found.kind]}")
     else:
-        value = np.array([*found.span, *found.band])
-        known = {"covariance": np.zeros((4, 4)), "words": words}
-        names, units = ("from", "to", "lowest", "highest"), ("s", "s", "Hz", "Hz")
-        shape = Shape(names, units, value, columns, value[None], value, value, **known)
+        value, names = np.array([*found.span, *found.band]), ("from", "to", "lowest", "highest")
+        shape = Shape(names, ("s", "s", "Hz", "Hz"), value, columns, value[None], value, value, words=words)
+        shape = replace(shape, covariance=np.zeros((4, 4)))
     low, high = sorted(1e3 * np.array(found.band))
     form = f"{words}, {found.span[0]:.0f} to {found.span[1]:.0f} s, {low:.0f} to {high:.0f} mHz"
     names = [f"part_{k}" for k in range(count)]
