@@ -25,7 +25,7 @@ from gravcal.discovery.problem import (
 )
 from gravcal.discovery.rounds import Choice, Result, begun, concluded
 from gravcal.discovery.scan import offered, side_by_side
-from gravcal.discovery.trials import COST, EXCESS, SHARES
+from gravcal.discovery.trials import AXES, COST, EXCESS, SHARES
 from gravcal.errors import CatalogError
 from gravcal.estimation import chi2_tail, outcome
 from gravcal.estimation.quantities import SCHEMA, tabled
@@ -69,14 +69,7 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     """The search anew, in records without what a first search has found, so that second order is left by none of it.
 
     The effects are added to the rows again in their linear form, so that the search finds them whole, with their errors
-    by the noise that is left. What describes the record worse than the first search is not taken.
-
-    Parameters
-    ----------
-    observed : Observations of the records without the effects that were found
-    limits : Limits
-    first : Dataset of kind discovery
-    model : what it found
+    by the noise that is left. What describes the record worse than the first search, whose model this is, is not taken.
     """
     before = outcome.outcome_of(first)
     gains = [(one.cause, one.heldout_gain.in_sample_chi2) for one in before.findings] if before else []
@@ -120,9 +113,9 @@ def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits
 
 def _choice(observed, limits):
     """Settings of the rounds in the observations."""
-    fixed = {"quiet": observed.quiet, "order": observed.noise_order, "spectra": observed.spectra}
-    fixed |= {"segment_s": limits.segment_s, "periods": observed.periods}
-    return Choice(limits.level, limits.tie, limits.rounds, observed.step, observed.tones, **fixed)
+    noise = observed.quiet, observed.noise_order, observed.spectra
+    known = limits.level, limits.tie, limits.rounds, observed.step, observed.tones, limits.segment_s
+    return Choice(*known, *noise, observed.periods)
 
 
 def _searched(observed, limits, model, before=None):
@@ -200,7 +193,7 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     if found or steps or result.after.excess_p < choice.excess_level:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
         if more := [*near, *found]:
-            state = begun(rows, [*observed.candidates, *more], choice, random_source(seed, rows))
+            state = begun(rows, [*observed.candidates, *more], choice, random_source(seed, rows), result.before)
         result = concluded(state, choice)
     return result, {one.form for one in found}
 
@@ -317,10 +310,10 @@ def _joined(result: Result, given: Sequence) -> tuple[Result, list]:
     return whole, [joined(one) for one in given]
 
 
-AXES = "xyz"
 PEAKS = 4
 #: Frequencies tried round a peak, in steps of the scan.
 FINE = np.arange(-1.0, 1.01, 1 / 16)
+COARSE, BETWEEN = 8, 1.5  # of these the first that are tried, and how much more than these others may gain
 
 
 def joint_lines(result: Result, observed: Observations, search: LineSearch, choice, least=0.0) -> list[Candidate]:
@@ -334,13 +327,18 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
     at, score = found.at[joint], (found.gain[:, 0] - 2 * found.dof)[joint]
     step, kept, around = float(np.median(np.diff(at))), [], np.pad(score, 1, constant_values=-np.inf)
     tops = np.flatnonzero((score > around[:-2]) & (score > around[2:]))  # a slow line has few cycles, others beside it
+
+    def counts(gain, dof):
+        chance = chi2_tail.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
+        return chance < np.log(choice.level) and gain - COST * dof > least
+
     for peak in at[tops[np.argsort(-score[tops])[:PEAKS]]]:
         grid = peak + step * FINE
-        gains = [_gain(result, shape(one)[0]) for one in grid]
-        gain, dof = max(gains)
-        chance = chi2_tail.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
-        if chance < np.log(choice.level) and gain - COST * dof > least:
-            kept.append(_line(grid, np.array([g for g, _ in gains]), shape, search))
+        gain, dof = max(_gain(result, shape(one)[0]) for one in grid[::COARSE])
+        if counts(BETWEEN * gain, dof):
+            gains = [_gain(result, shape(one)[0]) for one in grid]
+            if counts(*max(gains)):
+                kept.append(_line(grid, np.array([g for g, _ in gains]), shape, search))
     return kept
 
 

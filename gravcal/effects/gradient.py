@@ -44,7 +44,7 @@ _WAVE = (
 # Gradient of coefficients that the model does not know, felt at each sensor's place.
 law("gradient.tesseral", "linear_each_b", _WAVE, SOURCE)(
     lambda context, values: (
-        -np.einsum("p,npij,kj->nki", values, context.extra["tesseral_b"], np.asarray(context.extra["positions"]))
+        -np.matvec(np.tensordot(values, context.extra["tesseral_b"], (0, 1))[:, None], context.extra["positions"])
     )
 )
 

@@ -108,19 +108,13 @@ def whiten(noise: NoiseModel, columns: np.ndarray, valid: np.ndarray) -> np.ndar
     """Columns turned so that noise of the model has unit variance and no correlation.
 
     Exact for a stationary autoregressive process: the first samples of every run are predicted by the lower orders.
-    Rows that are not valid come back as zero, so they carry no weight.
-
-    Parameters
-    ----------
-    noise : NoiseModel
-    columns : (n,) or (n, m) unit of the noise
-    valid : (n,) bool
+    Columns (n,) or (n, m) have the unit of the noise; rows that are not valid (n,) come back as zero, without weight.
     """
     columns = np.asarray(columns, dtype=float)
     flat = columns.reshape(columns.shape[0], -1)
     flat = np.where(np.isnan(flat), 0.0, flat)
     out = np.zeros(flat.shape)
-    for matrix, first, begin, end in _pieces(noise, valid):
+    for matrix, first, begin, end in _pieces(noise, valid) if flat.any() else ():
         out[begin:end] = matrix[: end - begin, : end - first] @ flat[first:end]
     return out.reshape(columns.shape)
 
