@@ -449,8 +449,7 @@ def pin(product, json) -> None:
 @command_of(products)
 def unpin(product, json) -> None:
     """Let a pinned product go like any other."""
-    entry = housekeeping.resolve(product)
-    housekeeping.unpin(entry)
+    housekeeping.unpin(entry := housekeeping.resolve(product))
     if output.delivered({"product": entry.ref.name, "key": entry.ref.key, "pinned": False}, json):
         output.say(f"{entry.ref.name} {entry.ref.key[:12]} is not pinned")
 
