@@ -11,7 +11,7 @@ from flows.calibration import load
 from gravcal import catalog
 
 MEASURED = commands.MEASURED / "grace-2014-01-15"
-COUNT = 3
+COUNT = 2
 CALIBRATION = load("ranging")
 
 
@@ -28,7 +28,7 @@ def simulated(folder, seed, effects=None):
 
 
 def test_errors_are_those_of_the_reported_sigma(tmp_path):
-    """Recovery: y and z of three days, 12 errors; sum of squares in its interval, 0.02 %, and x is null.
+    """Recovery: y and z of two days, 8 errors; sum of squares in its interval, 0.02 %, and x is null.
 
     With x held, noise of the star cameras alone gives other vectors, off by 3 mm with errors of 0.4.
     """

@@ -106,7 +106,7 @@ def test_a_telegraph_signal_in_the_quiet_data_too_is_no_noise(tmp_path):
 
 def test_a_residual_dipole_is_named(tmp_path):
     """Recovery: with its size; five revolutions, in fewer it passes for noise of the torque."""
-    gradient.make_day(tmp_path / "data", 3, {"residual_dipole": [1.0, 0.0, 1.0]}, duration_s=30000.0)
+    gradient.make_day(tmp_path / "data", 3, {"residual_dipole": [1.0, 0.0, 1.0]}, duration_s=30000.0, step=3.0)
     said = run("gradient_torque", tmp_path / "data", discovery=True, field=str(tmp_path / "field.gfc"))[0]
     (found,) = [one for one in said["findings"] if one["cause"] == "torque.residual_dipole"]
     assert not found["tied_with"]
