@@ -24,7 +24,7 @@ product.register("*.discovery", DISCOVERY)
 product.register("*.discovery_report", product.ANY)
 product.register("*.evidence", product.ANY)
 product.register("*.joint", product.ANY)
-ANY_PRODUCT = ["*"]
+ANY_PRODUCT, RESULTS = ["*"], ["*.discovery", "*.combine|*.drag"]
 #: Settings of a search, in the order of `Limits`.
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
@@ -72,12 +72,7 @@ def extend_by(found, *products, records, observations, names, settings, tentativ
     return _without(observations_of(products, observations, names, settings), products, records, names, model)
 
 
-@stage(
-    reads=["*.discovery", "*.combine|*.drag"],
-    writes="{calibration}.discovery_report",
-    version=6,
-    also=["{observations}"],
-)
+@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=7, also=["{observations}"])
 def report(found, *combined, calibration, observations, event, satellite, settings, records):
     """Document, page and extended model; with results before, after, and before with what a model adds, if any."""
     named = {"calibration": calibration, "event": event, "satellite": satellite, "records": records}

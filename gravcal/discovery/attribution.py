@@ -63,7 +63,10 @@ def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
 
 def beside(problem: Problem, others: Sequence[int], index: int) -> Ratio:
     """Gain of a candidate with others in the baseline, by their indices."""
-    return ratio(projected(problem.total, baseline_of(problem, others)), problem.places[index], problem.size)
+    own, baseline = np.r_[0, problem.places[index]], baseline_of(problem, others)
+    used = np.concatenate([own, baseline])
+    gram = projected(problem.total[np.ix_(used, used)], np.arange(own.size, used.size))
+    return ratio(gram, slice(1, own.size), problem.size[own])
 
 
 def likely(at: np.ndarray, gain: np.ndarray, spacing: float) -> tuple[float, float]:

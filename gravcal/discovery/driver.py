@@ -113,9 +113,8 @@ def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits
 
 def _choice(observed, limits):
     """Settings of the rounds in the observations."""
-    noise = observed.quiet, observed.noise_order, observed.spectra
     known = limits.level, limits.tie, limits.rounds, observed.step, observed.tones, limits.segment_s
-    return Choice(*known, *noise, observed.periods)
+    return Choice(*known, observed.quiet, observed.noise_order, observed.spectra, observed.periods)
 
 
 def _searched(observed, limits, model, before=None):

@@ -83,8 +83,7 @@ def added_to_channels(about: Context, entry: Effect) -> dict[str, np.ndarray]:
     """
     each = readings(about, entry, entry.columns)
     if "linear" in each:
-        first, last = each["linear"][:, 0], each["linear"][:, -1]
-        return {"linear": last - first}
+        return {"linear": each["linear"][:, -1] - each["linear"][:, 0]}
     if "angular" in each:
         return {"attitude": -each["angular"].mean(axis=1)}
     if entry.channel == "torque_b":
