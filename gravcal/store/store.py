@@ -81,10 +81,6 @@ def find(key):
     return reference(record, folder)
 
 
-#: Of the last products that were read: the next stages read the same ones.
-_recent = functools.lru_cache(maxsize=4)(product.from_bytes)
-
-
 def load(ref):
     """Content of a product, verified; None if it is damaged, and then it has been set aside.
 
@@ -95,7 +91,7 @@ def load(ref):
     if image is None:
         set_aside(ref.folder, reason or "bytes differ from the record")
         return None
-    dataset = _recent(image).copy()
+    dataset = product.from_bytes(image)
     dataset.attrs = product.without_provenance(dataset.attrs)
     for variable in dataset.variables.values():
         variable.values.flags.writeable = False
