@@ -449,9 +449,10 @@ def pin(product, json) -> None:
 @command_of(products)
 def unpin(product, json) -> None:
     """Let a pinned product go like any other."""
-    housekeeping.unpin(entry := housekeeping.resolve(product))
+    entry = housekeeping.resolve(product)
+    was = housekeeping.unpin(entry)
     if output.delivered({"product": entry.ref.name, "key": entry.ref.key, "pinned": False}, json):
-        output.say(f"{entry.ref.name} {entry.ref.key[:12]} is not pinned")
+        output.say(f"{entry.ref.name} {entry.ref.key[:12]} {'is no longer' if was else 'was not'} pinned")
 
 
 @command_of(app)

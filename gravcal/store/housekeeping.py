@@ -212,8 +212,11 @@ def pin(entry):
 
 
 def unpin(entry):
-    """Let a product go like any other."""
-    (_pins() / entry.ref.key).unlink(missing_ok=True)
+    """Let a product go like any other; True if it was pinned."""
+    link = _pins() / entry.ref.key
+    was = link.is_symlink()
+    link.unlink(missing_ok=True)
+    return was
 
 
 def _pins():

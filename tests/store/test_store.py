@@ -323,7 +323,7 @@ def test_prune_by_age_and_by_quota_spares_what_is_delivered_or_pinned(store_fold
     store.set_aside(put(3.0, version=3, variant="x").folder, "test")
     housekeeping.prune(remove=True, quota=0)
     assert {path.name for path in housekeeping.folders()} == {pinned.key, delivered.key, young.key}
-    housekeeping.unpin(entry)
+    assert housekeeping.unpin(entry)
     housekeeping.prune(remove=True, quota=0)
     assert {path.name for path in housekeeping.folders()} == {delivered.key, young.key}
 
