@@ -325,12 +325,11 @@ def _deviations(power):
 
     The degrees of freedom are the mean of sums of squares of unit variance, less where these are weighted.
     """
-    mean = power[:, 1:].mean(axis=1, keepdims=True)
-    square = np.einsum("kd,kd->k", power[:, 1:], power[:, 1:])[:, None] / (power.shape[1] - 1) - mean**2
+    mean, square = power[:, 1:].mean(axis=1, keepdims=True), power[:, 1:].var(axis=1, keepdims=True)
     freedom = np.minimum(mean, 2 * mean**2 / np.maximum(square, 1e-6))
     spread = 2 / (9 * np.maximum(freedom, 1e-6))
-    score = np.cbrt(power / np.maximum(mean, 1e-6)) + (spread - 1)
-    return np.where(freedom < FEWEST, -np.inf, score / np.sqrt(spread))
+    score = (np.cbrt(power / np.maximum(mean, 1e-6)) - 1 + spread) / np.sqrt(spread)
+    return np.where(freedom < FEWEST, -np.inf, score)
 
 
 def _tiles(count):
