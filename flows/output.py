@@ -92,6 +92,7 @@ def result(document, ref, json_path, truth=None):
     if rows:
         errors = [f"error/sigma {axis}" for axis in plain.AXES] if known else []
         table(["variant", *[f"{axis} +- sigma (um)" for axis in plain.AXES], *errors], rows)
+        say("sigma: noise as measured; errors of the verdict hold those of inertia and dipole per current as well")
     if document.get("method", "gravcal") != "gravcal":
         say(f"method: {document['method']}, for comparison only")
     if document.get("verdict"):
