@@ -69,7 +69,7 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     """The search anew, in records without what a first search has found, so that second order is left by none of it.
 
     The effects are added to the rows again in their linear form, so that the search finds them whole, with their errors
-    by the noise that is left. What describes the record worse than the first search, whose model this is, is not taken.
+    by the noise that is left. The model is that of the first search; what describes the record worse is not taken.
     """
     before = outcome.outcome_of(first)
     gains = [(one.cause, one.heldout_gain.in_sample_chi2) for one in before.findings] if before else []

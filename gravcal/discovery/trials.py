@@ -187,7 +187,7 @@ def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
     """Problem that holds the trial as a candidate, and its index."""
     if trial.index >= 0:
         return problem, trial.index
-    names, units, everywhere = list("xyz"), ["m s-2"] * 3, False
+    names, units = list("xyz"), ["m s-2"] * 3
     if trial.kind != "step":
         axes = [trial.place] if trial.place >= 0 else [0, 1, 2]
         parts = [scan.sine_columns(block, trial.channel, trial.at, axes) for block in problem.blocks]
@@ -199,10 +199,10 @@ def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
         columns = [b.steps[trial.at] if i == trial.place else None for i, b in enumerate(problem.blocks)]
         form = f"{problem.blocks[trial.place].label}, time {trial.at:.0f} s"
     else:
-        everywhere, place = True, list(next(b.steps for b in problem.blocks if b.steps)).index(trial.at)
+        place = list(next(b.steps for b in problem.blocks if b.steps)).index(trial.at)
         columns = [list(b.steps.values())[place] if b.steps else None for b in problem.blocks]
         form = f"{EVERYWHERE}, in the first at time {trial.at:.0f} s"
-    candidate = Candidate(trial.cause, form, names, units, columns, apart=everywhere)
+    candidate = Candidate(trial.cause, form, names, units, columns, apart=trial.kind == "step" and trial.place < 0)
     return extended(problem, replace(candidate, at=trial.at, at_sigma=trial.at_sigma)), len(problem.candidates)
 
 
@@ -243,8 +243,8 @@ def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
         shape = Shape(("begin", "end"), ("Hz", "Hz"), value, columns, *about, words=f"{words}, {PATHS[found.kind]}")
     else:
         value, names = np.array([*found.span, *found.band]), ("from", "to", "lowest", "highest")
-        shape = Shape(names, ("s", "s", "Hz", "Hz"), value, columns, value[None], value, value, words=words)
-        shape = replace(shape, covariance=np.zeros((4, 4)))
+        units, fixed = ("s", "s", "Hz", "Hz"), np.zeros((4, 4))
+        shape = Shape(names, units, value, columns, value[None], value, value, covariance=fixed, words=words)
     low, high = sorted(1e3 * np.array(found.band))
     form = f"{words}, {found.span[0]:.0f} to {found.span[1]:.0f} s, {low:.0f} to {high:.0f} mHz"
     names = [f"part_{k}" for k in range(count)]
