@@ -114,8 +114,8 @@ def late_of_pair(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
         return found
     moved = moved_orbits(aligned)
     left = _rates_left(aligned, moved, place)
-    tried = {which: [np.nanmean(left(which, k) ** 2) for k in lag] for which in (0, 3, 4)}
-    best = min(tried, key=lambda which: min(tried[which]))  # the ranging if none is late
+    tried = {w: functools.cache(lambda k, w=w: np.nanmean(left(w, k) ** 2)) for w in (0, 3, 4)}
+    best = min(tried, key=lambda which: tried[which](_least(lag, tried[which])))  # the ranging if none is late
     found[best] = _clear(lag, tried[best])
     first, second = (moved(k, np.arange(time.size), int(late)) for k, late in enumerate(found[3:]))
     between = (second - first) / np.linalg.norm(second - first, axis=1, keepdims=True)
@@ -126,7 +126,7 @@ def late_of_pair(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
         if known.size:
             x = frames.R_bi_from_quaternion(quaternion[known])[:, 0]
             angle = 1 - np.nanmean(np.einsum("na,nla->nl", x, toward[known[:, None] - lag]), axis=0)
-            found[1 + k] = _clear(lag, angle)
+            found[1 + k] = _clear(lag, dict(zip(lag, angle, strict=True)).get)
     return found
 
 
@@ -202,7 +202,13 @@ def _spans(pointed):
     return np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
 
 
+def _least(lag, left):
+    """Of some lags that at which a function, smooth over ten seconds, is least."""
+    rough = min(lag[::10], key=left)
+    return min(lag[np.abs(lag - rough) <= 10], key=left)
+
+
 def _clear(lag, left):
     """Lag that leaves least, 0 unless any that is further away leaves clearly more."""
-    best = lag[np.argmin(left)]
-    return best if CLEARLY * np.min(left) < np.min(np.asarray(left)[np.abs(lag - best) > APART_S]) else 0
+    best = _least(lag, left)
+    return best if CLEARLY * left(best) < left(_least(lag[np.abs(lag - best) > APART_S], left)) else 0

@@ -30,20 +30,20 @@ def unknown(driver: str, form: str, columns: Columns, unit: str, names: Sequence
     return Candidate(f"unknown:{driver}", form, list(names), [unit] * len(names), columns)
 
 
-def along(channel: str) -> list[str]:
-    """Names of what is added to the three readings of a channel."""
-    return [f"{channel}_{axis}" for axis in "xyz"]
+def along(channel: str, wave: bool = False) -> list[str]:
+    """Names of what is added to the three readings of a channel; of a wave those of its cosine and of its sine."""
+    return [f"{channel}_{axis}{part}" for part in (("_cosine", "_sine") if wave else ("",)) for axis in "xyz"]
 
 
 def added_by(entry: Entry, channel: str, words: str, series: Iterable[tuple[str, str, np.ndarray]]) -> np.ndarray:
     """What an entry in no list adds to the three readings of a channel, (n, 3), zero if it follows none of these.
 
-    Series are driver, form and values (n,); the form of the entry begins with the words.
+    Series are driver, form and values (n,), of a wave (n, 2); the form of the entry begins with the words.
     """
-    size, total = np.array([entry.values.get(name, 0.0) for name in along(channel)]), np.zeros(3)
+    total = np.zeros(3)
     for driver, form, values in series:
         if (entry.cause, entry.form) == (f"unknown:{driver}", f"{words}{form}"):
-            total = values[:, None] * size
+            total = on_axes(values) @ [entry.values.get(name, 0.0) for name in along(channel, values.ndim > 1)]
     return total
 
 

@@ -46,22 +46,8 @@ def estimated(names, units, limit, information, right, starts, size=1.0) -> dict
 
 
 def agreement(information: np.ndarray, right: np.ndarray) -> tuple[float, int]:
-    """Chi-square by which parts (k, p, p), (k, p) disagree with the joint solution, and its degrees of freedom.
-
-    Notes
-    -----
-    chi2 = sum b_k' N_k^+ b_k - b' N^+ b with N = sum N_k, b = sum b_k; dof = sum rank N_k - rank N.
-    """
-    scale = np.sqrt(np.diag(information.sum(axis=0)))
-    scale = np.where(scale > 0, scale, 1.0)
-    chi2, dof = 0.0, 0
-    parts = [(1, *part) for part in zip(information, right, strict=True)]
-    for sign, matrix, side in [*parts, (-1, information.sum(axis=0), right.sum(axis=0))]:
-        size, vectors = np.linalg.eigh(matrix / np.outer(scale, scale))
-        used = size > 1e-10 * max(size[-1], 1e-300)
-        chi2 += sign * np.sum((vectors[:, used].T @ (side / scale)) ** 2 / size[used])
-        dof += sign * int(used.sum())
-    return max(float(chi2), 0.0), dof
+    """Chi-square by which parts (k, p, p), (k, p) disagree with the joint solution, and its degrees of freedom."""
+    return least_squares.disagreement(right, information, [np.zeros((right.shape[1], 0))] * len(right))
 
 
 def with_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:

@@ -310,13 +310,17 @@ def _joined(result: Result, given: Sequence) -> tuple[Result, list]:
 
 
 PEAKS = 4
-#: Frequencies tried round a peak, in steps of the scan.
-FINE = np.arange(-1.0, 1.01, 1 / 16)
-COARSE, BETWEEN = 8, 1.5  # of these the first that are tried, and how much more than these others may gain
+#: Frequencies tried round a peak, in quarters of what the longest record tells apart, and how much more than at the
+#: first of them a line may gain between them.
+FINE, BETWEEN = np.arange(-1.0, 1.01, 1 / 16), 1.5
 
 
 def joint_lines(result: Result, observed: Observations, search: LineSearch, choice, least=0.0) -> list[Candidate]:
-    """Lines in what a search without them has left, those that are significant by themselves and gain so much."""
+    """Lines in what a search without them has left, those that are significant by themselves and gain so much.
+
+    A line has one phase in all blocks of a group, however long: phases of their own in blocks that a slow line passes
+    in few cycles would make any slow shape a line.
+    """
     groups, wave = observed.groups, observed.wave(search)
     shape = lambda hertz: side_by_side([wave(k, hertz) for k in range(len(groups))], groups)  # noqa: E731
     found = next((s for s in result.after.scans if s.kind == "line" and s.channel == search.channel), None)
@@ -326,15 +330,19 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
     at, score = found.at[joint], (found.gain[:, 0] - 2 * found.dof)[joint]
     step, kept, around = float(np.median(np.diff(at))), [], np.pad(score, 1, constant_values=-np.inf)
     tops = np.flatnonzero((score > around[:-2]) & (score > around[2:]))  # a slow line has few cycles, others beside it
+    times = [block.time[block.channel == search.channel] for block in observed.blocks]
+    whole = [np.concatenate([t for t, g in zip(times, groups, strict=True) if g == group]) for group in set(groups)]
+    apart = 1 / (4 * max(np.ptp(one) for one in whole if one.size))
 
     def counts(gain, dof):
-        chance = chi2_tail.log_tail(gain, dof) + np.log(at.size / SHARES["line"])
+        chance = chi2_tail.log_tail(gain, dof) + np.log(at.size * step / (2 * apart * SHARES["line"]))
         return chance < np.log(choice.level) and gain - COST * dof > least
 
     for peak in at[tops[np.argsort(-score[tops])[:PEAKS]]]:
-        grid = peak + step * FINE
-        gain, dof = max(_gain(result, shape(one)[0]) for one in grid[::COARSE])
+        rough = np.arange(peak - step, peak + 1.01 * step, apart)
+        gain, dof, best = max((*_gain(result, shape(one)[0]), one) for one in rough)
         if counts(BETWEEN * gain, dof):
+            grid = best + apart * FINE
             gains = [_gain(result, shape(one)[0]) for one in grid]
             if counts(*max(gains)):
                 kept.append(_line(grid, np.array([g for g, _ in gains]), shape, search))

@@ -76,7 +76,8 @@ def _open_means(result, width):
     variance = np.zeros(width)
     for one in result.findings:
         means = result.problem.candidates[one.index].means
-        np.add.at(variance, [*means], np.nan_to_num(one.value[: len(means)]) ** 2)
+        for place, size in zip(itertools.cycle(means), np.nan_to_num(one.value)):  # cosine and sine have the same
+            variance[place] += size**2
     return variance
 
 

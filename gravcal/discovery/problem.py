@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
+from gravcal.estimation.least_squares import orthonormal
 from gravcal.estimation.noise import Spectrum, fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate
 
@@ -35,19 +36,7 @@ def root_of(inner: np.ndarray, least: Callable | float, size: np.ndarray | None 
     return vectors[:, seen] / np.sqrt(values[seen]) / scale[:, None]
 
 
-def basis_of(columns: np.ndarray) -> np.ndarray:
-    """Orthonormal basis (n, r) of many long columns: eigenvectors of their products, twice for rounding."""
-    scale = np.linalg.norm(columns, axis=0)
-    used = columns[:, scale > 0] / scale[scale > 0]
-    for limit in (1e-11, 1e-3):
-        if used.shape[1] == 0:
-            return np.zeros((columns.shape[0], 0))
-        values, vectors = np.linalg.eigh(used.T @ used)
-        kept = values > limit * values[-1]
-        used = (used @ vectors[:, kept]) / np.sqrt(values[kept])
-    return used
-
-
+DEPENDENT = 3e-6  # share of the largest singular value: own columns that hardly differ are one
 GROUPS = 12  # of rows, at most; a block whose channels alternate is one group
 REMEMBERED = 8  # choices of columns
 #: Share of the square of a column that is rounding when its part along the own columns is taken off.
@@ -199,7 +188,7 @@ def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
     columns, samples, gram = [], [], np.empty((len(blocks), ends[-1], ends[-1]))
     for index, block in enumerate(blocks):
         pieces = [block.observed[:, None], block.global_columns, *(c.columns[index] for c in candidates)]
-        columns.append(columns_of(block.channel, basis_of(block.local_columns), pieces, widths))
+        columns.append(columns_of(block.channel, orthonormal(block.local_columns, DEPENDENT), pieces, widths))
         used = np.any(np.column_stack([block.observed, block.local_columns]) != 0, axis=1)
         samples.append(float(used.sum() - columns[-1].basis.shape[1]))
         columns[-1].products(gram[index])
@@ -243,7 +232,7 @@ def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -
         first = np.arange(block.time.size) % 2 == 0
     parts = []
     for rows in (first, ~first):
-        basis = basis_of(block.local_columns[rows])
+        basis = orthonormal(block.local_columns[rows], DEPENDENT)
         part = columns[rows] - basis @ (basis.T @ columns[rows])
         parts.append(part.T @ part)
     return np.stack(parts)

@@ -298,7 +298,7 @@ def _finding(problem, chosen, position, choice):
 def _widest(problem, index):
     """Index of the widest form of a cause that holds the parameters of one."""
     candidate = problem.candidates[index]
-    forms = [k for k, c in enumerate(problem.candidates) if c.cause == candidate.cause and c.listed]
+    forms = [k for k, c in enumerate(problem.candidates) if c.cause == candidate.cause and c.listed and not c.apart]
     wide = [k for k in forms if set(candidate.names) < set(problem.candidates[k].names) and candidate.shape is None]
     wide = [k for k in wide if problem.candidates[k].local == candidate.local] or [index]
     return max(wide, key=lambda k: len(problem.candidates[k].names))

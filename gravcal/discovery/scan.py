@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numba import njit
 from scipy import fft, special
 
 from gravcal.discovery.problem import Problem, inverse_of_baseline, weighted_rows
@@ -52,14 +53,10 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
         parts.append((-1, *(sum(part[k][:count] for part in parts) for k in (1, 2, 3))))
     for i, own, cross, right in parts:
         inner, right = own - cross.transpose(0, 2, 1) @ (inverse @ cross), right.transpose(0, 2, 1)
-        values, vectors = np.linalg.eigh(inner)
-        seen = values > 1e-8 * np.maximum(values[:, -1:], 1e-300)
-        size = np.where(seen, 1 / np.sqrt(np.where(seen, values, 1.0)), 0.0)
-        gain.append(np.sum(((vectors * size[:, None]).transpose(0, 2, 1) @ right) ** 2, axis=1))
+        gain.append(np.sum(right * (np.linalg.pinv(inner, 1e-8, hermitian=True) @ right), axis=1))
         alone = np.einsum("kqq->kq", inner)
         seen = alone > 1e-8 * np.max(alone, axis=1, keepdims=True)
-        size = np.where(seen, 1 / np.sqrt(np.where(seen, alone, 1.0)), 0.0)
-        gain += [*np.moveaxis((size[:, :, None] * right) ** 2, 1, 0)]
+        gain += [*np.moveaxis(np.where(seen, 1 / np.where(seen, alone, 1.0), 0.0)[:, :, None] * right**2, 1, 0)]
         free = np.array([inner.shape[1], *[1] * inner.shape[1]])
         dof.append(np.repeat(free, len(own)))
         epochs = list(problem.blocks[i if i >= 0 else parts[0][0]].steps)[: len(own)]
@@ -267,12 +264,11 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
             for axis, of_blocks in named:
                 apart = zip(numbers, of_blocks, strict=True) if kind in ("tile", "chirp") else ()
                 for block, each in [*apart, (-1, of_blocks.sum(axis=0))]:
-                    score = _deviations(each)
-                    largest = score.max(axis=0)
-                    count, most = count + int(np.sum(np.isfinite(score[:, 0]))), np.maximum(most, largest)
-                    if largest[0] > best[0]:
-                        place = int(score[:, 0].argmax())
-                        best = largest[0], axis, block, *where(place), each[place, 0] - 2 * each[place, 1:].mean()
+                    score = _deviations(each, most)
+                    count += int(np.sum(np.isfinite(score)))
+                    if most[0] > best[0]:
+                        place = int(score.argmax())
+                        best = most[0], axis, block, *where(place), each[place, 0] - 2 * each[place, 1:].mean()
         if count and np.isfinite(best[0]):
             log_p = special.log_ndtr(-most) + np.log(count)
             span, band = np.array(best[3]) * spacing, np.array(best[4]) / spacing
@@ -320,16 +316,34 @@ def _series(blocks, rest, channel):
     return tuple(kept), [begins[k] for k in kept], spacing, series
 
 
-def _deviations(power):
-    """Standard deviations (k, d) by which power (k, d) is above that of all but the first column (Wilson-Hilferty).
+@njit(cache=True, fastmath={"reassoc", "contract", "nnan"})
+def _deviations(power, most):
+    """Standard deviations (k,) by which the first column of power (k, d) is above that of all others.
 
-    The degrees of freedom are the mean of sums of squares of unit variance, less where these are weighted.
+    By Wilson and Hilferty; the degrees of freedom are the mean of sums of squares of unit variance, less where these
+    are weighted. The largest (d,) of every column are raised in place; what cannot raise them needs no cube root.
     """
-    mean, square = power[:, 1:].mean(axis=1, keepdims=True), power[:, 1:].var(axis=1, keepdims=True)
-    freedom = np.minimum(mean, 2 * mean**2 / np.maximum(square, 1e-6))
-    spread = 2 / (9 * np.maximum(freedom, 1e-6))
-    score = (np.cbrt(power / np.maximum(mean, 1e-6)) - 1 + spread) / np.sqrt(spread)
-    return np.where(freedom < FEWEST, -np.inf, score)
+    first, least = np.full(len(power), -np.inf), most.min()
+    for k in range(len(power)):
+        total, highest, square = 0.0, power[k, 0], 0.0
+        for j in range(1, power.shape[1]):
+            total += power[k, j]
+            highest = max(highest, power[k, j])
+        mean = total / (power.shape[1] - 1)
+        for j in range(1, power.shape[1]):
+            square += (power[k, j] - mean) ** 2
+        square /= power.shape[1] - 1
+        freedom = min(mean, 2 * mean**2 / max(square, 1e-6))
+        if freedom >= FEWEST:
+            spread = 2 / (9 * freedom)
+            root = np.sqrt(spread)
+            first[k] = (np.cbrt(power[k, 0] / mean) - 1 + spread) / root
+            if highest > mean * (1 - spread + least * root) ** 3:
+                for j in range(power.shape[1]):
+                    if power[k, j] > mean * (1 - spread + most[j] * root) ** 3:
+                        most[j] = (np.cbrt(power[k, j] / mean) - 1 + spread) / root
+                least = most.min()
+    return first
 
 
 def _tiles(count):
@@ -375,13 +389,13 @@ def _slow_power(weights, series):
 
 def _chirps(count):
     """Places and powers of chirps of every rate; the first and the last frequency are between zero and the largest."""
-    turns = 0.25 * count  # of a rate of half the band in half the time, apart by what turns the ends by a quarter
+    turns, room = 0.25 * count, {}  # of a rate of half the band in half the time; ends apart by a quarter of a turn
     for step in range(1, int(turns / 2) + 1):
         rate = 4 * step / count**2
         middle = np.arange(count) / count
         kept = np.flatnonzero((middle > rate * count / 2) & (middle < 0.5 - rate * count / 2))
         if kept.size:
-            yield partial(_chirp, count, kept, rate), partial(_chirp_power, kept, rate)
+            yield partial(_chirp, count, kept, rate), partial(_chirp_power, kept, rate, room)
 
 
 def _chirp(count, kept, rate, index):
@@ -390,40 +404,39 @@ def _chirp(count, kept, rate, index):
     return (0, count), (middle - sweep, middle + sweep)
 
 
-def _chirp_power(kept, rate, series):
+def _chirp_power(kept, rate, room, series):
     """Power (b, 2 k, d) along chirps, that of a number of unit variance for each of the two degrees of freedom.
 
     A real series has the same power along a rate and its opposite at opposite frequencies: one spectrum gives both.
     """
-    count, low, high = series.shape[1], kept[0], kept[-1] + 1
-    found = _turned(series, rate)
-    parts = found[:, low:high], found[:, count - high + 1 : count - low + 1][:, ::-1]
-    return _power(np.concatenate(parts, axis=1), count)
+    power, low, high = _turned(series, rate, room), kept[0], kept[-1] + 1
+    return np.concatenate([power[:, low:high], power[:, 1 - high : 1 - low or None][:, ::-1]], axis=1)
 
 
-def _turned(series, rate):
-    """Spectrum (b, n, d) of a series turned so that a chirp of this rate is a line."""
+def _turned(series, rate, room):
+    """Power (b, n, d) of a series turned so that a chirp of this rate is a line; rooms for arrays take long to get."""
+    if series.shape not in room:
+        room[series.shape] = np.empty(series.shape, "c8"), np.empty(series.shape, "f4")
+    turned, power = room[series.shape]
     away = np.arange(series.shape[1]) - series.shape[1] / 2
-    turned = series * np.exp(-1j * np.pi * rate * away**2).astype("c8")[:, None]
-    return fft.fft(turned, axis=1, overwrite_x=True)
-
-
-def _power(spectrum, count):
-    """Power of a spectrum of so many samples."""
-    return (spectrum.real**2 + spectrum.imag**2) * np.float32(2 / count)
+    turn = np.exp(-1j * np.pi * rate * away**2).astype("c8")[:, None]
+    spectrum = fft.fft(np.multiply(series, turn, out=turned), axis=1, overwrite_x=True)
+    np.square(np.abs(spectrum, out=power), out=power)
+    return np.multiply(power, np.float32(2 / series.shape[1]), out=power)
 
 
 def _drifts(begins, spacing, count):
     """Places and powers of lines whose frequency drifts by two bins or more between the first and the last block."""
     away = (begins - np.mean([begins.min(), begins.max()])) / spacing if len(begins) > 2 else np.zeros(1)
-    half, memory = away.max(), {}
+    half, memory, room = away.max(), {}, {}
     for ends in range(-(count // 4), count // 4 + 1) if half > 0 else ():
         shift = np.rint(ends * away / half).astype(int)
         kept = np.arange(1 + abs(ends), (count - 1) // 2 - abs(ends))
         if abs(ends) > 1 and kept.size:
             step = round(ends / half * count / 4)
+            turning = step, 4 * step / count**2, room
             place = partial(_drift, count, kept, ends * (1 + count / (2 * half)))
-            yield place, partial(_drift_power, kept, shift, (step, 4 * step / count**2), memory)
+            yield place, partial(_drift_power, kept, shift, turning, memory)
 
 
 def _drift(count, kept, ends, index):
@@ -433,12 +446,12 @@ def _drift(count, kept, ends, index):
 
 def _drift_power(kept, shift, turning, memory, series):
     """Power (b, k, d) in the blocks along a drifting line, turned in each as it drifts there."""
-    step, rate = turning
+    step, *turn = turning
     if memory.get("step") != step:
         memory.clear()
         memory["step"] = step
     if id(series) not in memory:
         count = series.shape[1]
-        memory[id(series)] = _power(_turned(series, rate)[:, : count // 2], count)
+        memory[id(series)] = _turned(series, *turn)[:, : count // 2].copy()
     low, high = kept[0], kept[-1] + 1
     return np.stack([one[low + move : high + move] for one, move in zip(memory[id(series)], shift, strict=True)])

@@ -21,10 +21,9 @@ def products(values: np.ndarray, square: str = "product {0}{0}") -> Iterator[tup
 
 
 def waves(argument: np.ndarray, orders=(1, 2, 3, 4)) -> Iterator[tuple[str, np.ndarray]]:
-    """Words, and cosine and sine of multiples of the argument of latitude, rad, along which something may vary."""
+    """Words, and waves (..., 2), cosine and sine, of multiples of an angle (...) rad along which something may vary."""
     for order in orders:
-        yield f"cosine of {order} times its argument", np.cos(order * argument)
-        yield f"sine of {order} times its argument", np.sin(order * argument)
+        yield f"wave of {order} times its argument", np.stack([np.cos(order * argument), np.sin(order * argument)], -1)
 
 
 #: What a law does to a series x: words, and a function of x and of constants of these names.

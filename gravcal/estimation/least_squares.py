@@ -1,5 +1,6 @@
 """Least squares on whitened observations: nuisance projected out, instruments, equations that add up; recursive too."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -124,7 +125,7 @@ def combine(scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray]
     move = inverse @ sum(i @ m.T for i, m in zip(information, shared, strict=True))
     residuals = [w @ (s.right - s.normal @ value) for w, s in zip(weight, scores, strict=True)]
     modes = [i @ m.T for i, m in zip(information, shared, strict=True)]
-    chi2, dof = _disagreement(residuals, information, modes)
+    chi2, dof = disagreement(residuals, information, modes)
     # with P = W I the parts of T^-1, T = sum P, are T^-1 (sum P I^-1 P) T^-1 and T^-1 (sum P M M' P) T^-1
     noise = sum(w @ s.information @ w.T for w, s in zip(weight, scores, strict=True))
     moved = [one @ m.T for one, m in zip(weighted, own, strict=True)]
@@ -141,8 +142,11 @@ def weakening(information: np.ndarray, modes: np.ndarray) -> np.ndarray:
     return np.eye(information.shape[0]) - information @ M @ inner @ M.T
 
 
-def _disagreement(residuals, informations, modes):
-    """Chi-square of score residuals about a common value, shared errors free within their unit prior."""
+def disagreement(residuals: Sequence, informations: Sequence, modes: Sequence) -> tuple[float, int]:
+    """Chi-square and degrees of freedom of score residuals (p,) about a common value, by their information (p, p).
+
+    Errors that all share, modes (p, m) of each, are free within their unit prior.
+    """
     count, size = modes[0].shape[1], informations[0].shape[0]
     normal, right, total = np.zeros((size + count,) * 2), np.zeros(size + count), 0.0
     normal[size:, size:] = np.eye(count)

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numba import njit
 from scipy import fft
 from scipy.fft import next_fast_len
 from scipy.ndimage import correlate1d, maximum_filter1d, median_filter
@@ -13,8 +14,6 @@ from scipy.signal import lfilter
 from scipy.special import chdtrc
 
 from gravcal.estimation.least_squares import orthonormal, polynomial
-
-PIECE = 32  # rows that are whitened by one product of matrices, which needs no compiler; wide columns take least so
 
 
 @dataclass(frozen=True)
@@ -34,18 +33,6 @@ class NoiseModel:
             rows[k, : k - 1] = rows[k - 1, : k - 1] - reflection[k - 1] * rows[k - 1, : k - 1][::-1]
             rows[k, k - 1] = reflection[k - 1]
         return rows
-
-    @functools.cached_property
-    def whitening(self) -> tuple[np.ndarray, np.ndarray]:
-        """(p, p) 1 over the unit, whitens the first rows of a run; (PIECE, p + PIECE), so many others from p before."""
-        rows, sigma = self.coefficients, np.sqrt(self.variance)
-        order = rows.shape[1]
-        start, later = np.eye(order), np.zeros((PIECE, order + PIECE))
-        for k in range(order):
-            start[k, :k] = -rows[k, :k][::-1]
-        for k in range(PIECE):
-            later[k, k : k + order + 1] = np.append(-rows[order][::-1], 1.0)
-        return start / sigma[:order, None], later / sigma[order]
 
     def louder(self, level: float) -> "NoiseModel":
         """The same noise with so many times the amplitude."""
@@ -110,12 +97,10 @@ def whiten(noise: NoiseModel, columns: np.ndarray, valid: np.ndarray) -> np.ndar
     Exact for a stationary autoregressive process: the first samples of every run are predicted by the lower orders.
     Columns (n,) or (n, m) have the unit of the noise; rows that are not valid (n,) come back as zero, without weight.
     """
-    columns = np.asarray(columns, dtype=float)
-    flat = columns.reshape(columns.shape[0], -1)
-    flat = np.where(np.isnan(flat), 0.0, flat)
+    flat = np.nan_to_num(np.asarray(columns, dtype=float).reshape(len(columns), -1), posinf=np.inf, neginf=-np.inf)
     out = np.zeros(flat.shape)
-    for matrix, first, begin, end in _pieces(noise, valid) if flat.any() else ():
-        out[begin:end] = matrix[: end - begin, : end - first] @ flat[first:end]
+    if flat.any():
+        _run_by_run(noise.coefficients, np.sqrt(noise.variance), flat, np.asarray(valid, dtype=bool), out, back=False)
     return out.reshape(columns.shape)
 
 
@@ -124,26 +109,29 @@ def whitened(noise: Sequence[NoiseModel], values: np.ndarray, valid: np.ndarray)
     return np.concatenate([whiten(model, np.ascontiguousarray(values[:, a]), valid) for a, model in enumerate(noise)])
 
 
-def _pieces(noise, valid):
-    """Matrix that whitens the rows begin..end from the rows first..end, piece by piece of every run of valid rows."""
-    start, later = noise.whitening
-    order = len(start)
-    for begin, end in zip(*runs(valid), strict=True):
-        yield start, begin, begin, min(begin + order, end)
-        for at in range(begin + order, end, PIECE):
-            yield later, at - order, at, min(at + PIECE, end)
-
-
 def unwhiten(noise: NoiseModel, rows: np.ndarray, valid: np.ndarray) -> np.ndarray:
     """Columns (n,) or (n, m) whose whitened rows are given, NaN where not valid: the inverse of `whiten`."""
-    rows = np.asarray(rows, dtype=float)
-    flat = rows.reshape(rows.shape[0], -1)
+    flat = np.ascontiguousarray(rows, dtype=float).reshape(len(rows), -1)
     out = np.full(flat.shape, np.nan)
-    for matrix, first, begin, end in _pieces(noise, valid):
-        count, known = end - begin, begin - first
-        rest = flat[begin:end] - matrix[:count, :known] @ out[first:begin]
-        out[begin:end] = np.linalg.solve(matrix[:count, known : known + count], rest)
+    _run_by_run(noise.coefficients, np.sqrt(noise.variance), flat, np.asarray(valid, dtype=bool), out, back=True)
     return out.reshape(rows.shape)
+
+
+@njit(cache=True)
+def _run_by_run(coefficients, sigma, columns, valid, out, back):
+    """Innovations of columns (n, m) in units of sigma (p + 1,), or back, into an array; every run begins anew."""
+    age = -1
+    for t in range(len(columns)):
+        age = age + 1 if valid[t] else -1
+        if age >= 0:
+            order = min(age, len(sigma) - 1)
+            out[t] = columns[t] * (sigma[order] if back else 1.0)
+            for k in range(order):
+                known = out[t - 1 - k] if back else columns[t - 1 - k]
+                for j in range(columns.shape[1]):
+                    out[t, j] += coefficients[order, k] * known[j] * (1.0 if back else -1.0)
+            if not back:
+                out[t] /= sigma[order]
 
 
 def coloured(density, count: int, step_s: float, rng: np.random.Generator) -> np.ndarray:
@@ -635,15 +623,16 @@ def two_levels(series: list[np.ndarray], slow: list[np.ndarray]) -> tuple[list[n
     return [m + size * s for m, s in zip(mean, states, strict=True)], list(states), float(gain)
 
 
+@njit(cache=True)
 def _states(field, flip):
     """Expected states (n,), 1 or -1, in a field (n,), log of the sum over all their paths, expected number of flips."""
-    up, down = np.exp(field).tolist(), np.exp(-field).tolist()
-    ahead, log_sum, share = [], 0.0, 0.5
-    for one, other in zip(up, down, strict=True):
-        total = share * one + (1 - share) * other
-        log_sum, share = log_sum + np.log(total), share * one / total
-        ahead.append(share)
-        share += flip * (1 - 2 * share)
+    up, down, ahead = np.exp(field), np.exp(-field), np.empty(field.size)
+    log_sum, share = 0.0, 0.5
+    for k in range(field.size):
+        total = share * up[k] + (1 - share) * down[k]
+        log_sum += np.log(total)
+        ahead[k] = share * up[k] / total
+        share = ahead[k] + flip * (1 - 2 * ahead[k])
     states, flips, one, other = np.empty(field.size), 0.0, 1.0, 1.0
     for k in range(field.size - 1, -1, -1):
         states[k] = (ahead[k] * one - (1 - ahead[k]) * other) / (ahead[k] * one + (1 - ahead[k]) * other)

@@ -12,7 +12,6 @@ from scipy.stats import multivariate_normal
 from gravcal.discovery import attribution, scan
 from gravcal.discovery.driver import check_causes
 from gravcal.discovery.problem import (
-    basis_of,
     columns_of,
     observed_rows,
     prepare,
@@ -21,6 +20,7 @@ from gravcal.discovery.problem import (
 )
 from gravcal.discovery.rounds import Choice, search
 from gravcal.errors import CatalogError
+from gravcal.estimation.least_squares import orthonormal
 from gravcal.estimation.records import Block, Entry
 
 CHANNELS = {
@@ -40,7 +40,7 @@ def made(request):
     pieces[2][linear] = 0.0
     pieces += [None, rng.standard_normal((90, 1)) * angular[:, None]]
     widths = [1, 3, 2, 2, 1]
-    basis = basis_of(rng.standard_normal((90, 4)))
+    basis = orthonormal(rng.standard_normal((90, 4)))
     whole = np.concatenate([np.zeros((90, 2)) if p is None else p for p in pieces], axis=1)
     return columns_of(channel, basis, pieces, widths), whole, basis
 
@@ -65,7 +65,7 @@ def test_products_are_those_of_the_whole_matrix(made):
 def test_columns_along_own_ones_are_gone_and_not_rounding(made):
     """Analytic: products with a column of the own ones are zero, also where it comes later; others are untouched."""
     columns, _, basis = made
-    assert basis_of(np.concatenate([basis, basis[:, :1]], axis=1)).shape == (90, 4)  # what is repeated adds nothing
+    assert orthonormal(np.concatenate([basis, basis[:, :1]], axis=1)).shape == (90, 4)  # what is repeated adds nothing
     own = 1e9 * basis @ np.ones((4, 1))
     wider = columns.wider(own).products()
     assert np.all(wider[-1] == 0)

@@ -123,7 +123,7 @@ def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_p
     shapes = {form: shape for _, form, shape in responses.drivers(observed.about)}
     quiet = observed.made["linear"].models[2].density(np.array([4 / 5670]))
     linear = products["gradient"]["linear_b"].copy(deep=True)
-    linear.values[:, 0, 2] += 1e-10 * shapes["cosine of 4 times its argument"]
+    linear.values[:, 0, 2] += 1e-10 * shapes["wave of 4 times its argument"][:, 0]
     forced = observations.observe(products | {"gradient": products["gradient"].assign(linear_b=linear)}, **settings)
     with_force = forced.made["linear"].models[2].density(np.array([4 / 5670]))
     assert with_force < 10 * quiet  # as noise it makes it 1e5 times as large

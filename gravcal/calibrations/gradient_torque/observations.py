@@ -9,7 +9,7 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import block_diag
 
-from gravcal.calibrations.causes import added_by, along, listed, unknown
+from gravcal.calibrations.causes import added_by, along, listed, on_axes, unknown
 from gravcal.calibrations.gradient_torque import attitude, responses
 from gravcal.calibrations.gradient_torque.model import METHODS, orbit
 from gravcal.calibrations.gradient_torque.noise import GLOBAL, PLACES, Channel, channels_of, means
@@ -40,7 +40,7 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
     added = (added["linear"] for _, _, added in effects_of(about, ("linear",)) if "linear" in added)
     outside = [shape for driver, _, shape in drivers(about) if driver in responses.OUTSIDE]
     outside += [remembered(tau) for _, remembered in memories(about) for tau in responses.MEMORY_S]
-    lines = (shape[:, None, None] * np.eye(3) for shape in outside)
+    lines = map(on_axes, outside)
     channels = channels_of(about, R_bi, observed, modelled, itertools.chain(added, lines), settings)
     satellite, prior = settings["satellite"], np.zeros((6, 1 + GLOBAL))
     pressure = np.array(satellite["centre_of_pressure"])
@@ -177,8 +177,8 @@ class GradientTorque(Observations):
         for channel in self.made:
             for driver, form, shape in drivers(self.about):
                 if channel != "torque" or driver in responses.OUTSIDE:
-                    columns = self._columns({channel: shape[:, None, None] * np.eye(3)})
-                    found.append(unknown(driver, f"{channel}, {form}", columns, UNITS[channel], along(channel)))
+                    columns, names = self._columns({channel: on_axes(shape)}), along(channel, shape.ndim > 1)
+                    found.append(unknown(driver, f"{channel}, {form}", columns, UNITS[channel], names))
         return found + [one for channel in self.made if channel != "torque" for one in self._memories(channel)]
 
     def _memories(self, channel, constants=responses.MEMORY_S):

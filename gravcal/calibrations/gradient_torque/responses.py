@@ -32,7 +32,7 @@ def effects_of(about: Context, channels: Sequence[str]) -> Iterator[tuple[Effect
 
 
 def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Drivers, their forms, and what follows them, (n,) 1 of a size near one: readings, drag, attitude, orbit, time.
+    """Drivers, their forms, and what follows them, (n,) or, of waves, (n, 2), 1 of a size near one.
 
     Of the readings of a sensor products: in proportion to them are scale, misalignment and cross-talk.
     """

@@ -108,9 +108,8 @@ class InertialSensor(records.Observations):
 
     @property
     def groups(self) -> list[int]:
-        """A line has a phase of its own in the swing and in each segment of a roll."""
-        rolled = [observed_roll.CHANNEL in block.channel for block in self.blocks]
-        return [sum(rolled[: k + 1]) if one else 0 for k, one in enumerate(rolled)]
+        """A line has one phase in the swing and one in the roll."""
+        return [int(observed_roll.CHANNEL in block.channel) for block in self.blocks]
 
     @functools.cached_property
     def blocks(self) -> list[records.Block]:
@@ -166,8 +165,10 @@ class InertialSensor(records.Observations):
     def physical(self, entry: records.Entry, fitted: records.Fitted) -> records.Entry:
         """Parameters with the mean of a wave in the linear reading, which no record of one axis tells from a bias."""
         found = super().physical(entry, fitted)
-        waves = {n: p for n, p in found.parameters.items() if fitted.candidate.means and p.value}
-        means = {n.replace("linear", "mean"): records.Parameter(0.0, abs(p.value), p.unit) for n, p in waves.items()}
+        known = [n for n, p in found.parameters.items() if fitted.candidate.means and p.value]
+        sizes = {a: [found.parameters[n].value for n in known if n.split("_")[1] == a] for a in "xyz"}
+        unit = found.parameters[known[0]].unit if known else ""
+        means = {f"mean_{a}": records.Parameter(0.0, float(np.linalg.norm(v)), unit) for a, v in sizes.items() if v}
         return replace(found, parameters=dict(found.parameters) | means)
 
     def forms_of(self, entry: records.Entry) -> Iterable[records.Candidate]:

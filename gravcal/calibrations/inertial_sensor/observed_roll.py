@@ -79,8 +79,8 @@ class RollView:
         squares = (self.steady / np.abs(self.steady).max(axis=(0, 1))) ** 2
         count = np.rint((self.time - self.time[0, 0]) / self.step_s).astype(int)
         slow = np.polynomial.legendre.legvander(2 * count / count.max() - 1, 2)
-        forms = np.stack([v for _, _, v in self.series()] + list(np.moveaxis(squares, 2, 0)), axis=2)
-        shared, turning = np.concatenate([slow, forms], axis=2), 1 + self.settings["trend_degree"]
+        forms = [np.atleast_3d(values) for _, _, values in self.series()]
+        shared, turning = np.concatenate([slow, *forms, squares], axis=2), 1 + self.settings["trend_degree"]
         joined = np.split(np.arange(len(count)), np.flatnonzero(np.diff(count[:, 0]) > count.shape[1]) + 1)
         left, models, rests = self.reading - np.matvec(self.tensor, self.start[3:]), [], []
         for axis in range(3):
@@ -198,11 +198,10 @@ class RollView:
         )
 
     def series(self) -> list[tuple[str, str, np.ndarray]]:
-        """Driver, form and values (s, b) 1 of what the readings may follow, each of a size near one."""
-        rows = []
-        for n, name in ((1, "the roll angle"), (2, "twice the roll angle"), (3, "three times the roll angle")):
-            wave = self.turn**n
-            rows += [("attitude", f"cosine of {name}", wave.real), ("attitude", f"sine of {name}", wave.imag)]
+        """Driver, form and values (s, b), of waves (s, b, 2), near one in size, of what the readings may follow."""
+        names = "the roll angle", "twice the roll angle", "three times the roll angle"
+        turned = [np.stack([(self.turn**n).real, (self.turn**n).imag], axis=2) for n in (1, 2, 3)]
+        rows = [("attitude", f"wave of {name}", wave) for name, wave in zip(names, turned, strict=True)]
         record = self.products["segment"]
         motion = np.sqrt(np.linalg.norm(record["gradient_b"].values, axis=(1, 2)) / np.sqrt(6))  # |G| = sqrt(6) n^2
         rows += [("latitude", *one) for one in waves(np.nanmean(motion) * (self.time - float(record["time"][0])))]

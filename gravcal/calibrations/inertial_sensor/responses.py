@@ -184,8 +184,9 @@ def of_roll(view: RollView) -> list[Candidate]:
         elif entry.channel == "pointing_b":
             candidates += listed(entry, view.rows(turned(view))).each_alone()
     for driver, form, values in view.series():
-        columns = view.rows(values[:, :, None, None] * np.eye(3))
-        candidates.append(unknown(driver, f"{CHANNEL} reading, {form}", columns, "m s-2", along("linear")))
+        columns = view.rows(np.stack([on_axes(one) for one in values]))
+        names = along("linear", values.ndim > 2)
+        candidates.append(unknown(driver, f"{CHANNEL} reading, {form}", columns, "m s-2", names))
     return candidates
 
 
@@ -212,7 +213,7 @@ def roll_without(view: RollView, model: Sequence[Entry]) -> xr.Dataset:
     whole = [k for k, part in enumerate(parts) if all(np.isfinite(segmented[n].values[part]).all() for n in names)]
     view = view_of_segments(view.products, view.settings, whole)
     about, added = view.context(), np.zeros((view.time.size, 3))
-    rows = [(driver, form, values.ravel()) for driver, form, values in view.series()]
+    rows = [(driver, form, np.concatenate(values)) for driver, form, values in view.series()]
     for entry in model:
         if not entry.listed:
             added += added_by(entry, "linear", f"{CHANNEL} reading, ", rows)

@@ -86,8 +86,8 @@ def test_a_roll_without_a_swing_uses_the_assumed_factors_and_fails_without_good_
     document, _ = run(tmp_path)
     assert "swing" not in document
     assert document["roll"]["source"] == "assumed"
-    wave = {"linear_z": {"value": 0.0, "sigma": 0.0}, "mean_z": {"value": 0.0, "sigma": 3e-8}}
-    wave = {"cause": "unknown:latitude", "form": "roll reading, sine of 4 times its argument", "parameters": wave}
+    wave = {"linear_z_sine": {"value": 0.0, "sigma": 0.0}, "mean_z": {"value": 0.0, "sigma": 3e-8}}
+    wave = {"cause": "unknown:latitude", "form": "roll reading, wave of 4 times its argument", "parameters": wave}
     bias, open_bias = (one["roll"]["bias"] for one in (document, run(tmp_path, model=json.dumps([wave]))[0]))
     assert open_bias["value"][2] == pytest.approx(bias["value"][2], rel=1e-9)
     assert open_bias["sigma"][2] == pytest.approx(np.hypot(bias["sigma"][2], 3e-8), rel=1e-6)
