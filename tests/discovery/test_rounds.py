@@ -182,11 +182,8 @@ def test_a_telegraph_signal_is_one_name_where_some_of_its_jumps_were_named_as_st
     """Recovery: 18 jumps in 800 rows, of 4 standard deviations; a step is offered every 20 rows."""
     rng = np.random.default_rng(0)
     level = 2 * np.cumprod(np.where(rng.random(800) < 0.02, -1, 1))
-    time, nothing = np.arange(800.0), np.zeros((800, 1))
-    block = Block.of(
-        "one", rng.standard_normal(800) + level, "linear", 0, time, shared=nothing, local=np.ones((800, 1))
-    )
-    at = np.arange(20.0, 780.0, 20.0)
+    time, at, observed = np.arange(800.0), np.arange(20.0, 780.0, 20.0), rng.standard_normal(800) + level
+    block = Block.of("one", observed, "linear", 0, time, shared=np.zeros((800, 1)), local=np.ones((800, 1)))
     after = [(time >= one).astype(float)[:, None] for one in at]
     steps = [Candidate(f"case.step@{t}", "", ["size"], ["m"], [c], [9.0], at=t) for t, c in zip(at, after, strict=True)]
     found = search([block], steps, CHOICE, np.random.default_rng(1)).findings
@@ -610,4 +607,3 @@ def test_steps_to_and_fro_of_one_size_are_a_signal_between_two_levels_and_others
         hidden = [replace(b, observed=b.observed + sum(next(each) * c[:, 0] for c in b.steps.values())) for b in rows]
         found = search(hidden, [], replace(CHOICE, rounds=6), np.random.default_rng(1)).findings
         assert [one.cause for one in found] == named
-    assert len(found) == 4
