@@ -309,17 +309,16 @@ def _joined(result: Result, given: Sequence) -> tuple[Result, list]:
     return whole, [joined(one) for one in given]
 
 
-PEAKS = 4
-#: Frequencies tried round a peak, in quarters of what the longest record tells apart, and how much more than at the
-#: first of them a line may gain between them.
-FINE, BETWEEN = np.arange(-1.0, 1.01, 1 / 16), 1.5
+#: Frequencies tried round a peak, in quarters of what the longest record tells apart; how much more than at the first
+#: of them a line may gain between them; share of its power that own columns leave of it at least, or it is none.
+PEAKS, FINE, BETWEEN, LEFT = 4, np.arange(-1.0, 1.01, 1 / 16), 1.5, 0.5
 
 
 def joint_lines(result: Result, observed: Observations, search: LineSearch, choice, least=0.0) -> list[Candidate]:
     """Lines in what a search without them has left, those that are significant by themselves and gain so much.
 
-    A line has one phase in all blocks of a group, however long: phases of their own in blocks that a slow line passes
-    in few cycles would make any slow shape a line.
+    A line has one phase in all blocks of a group: with phases of their own any slow shape is one. What own columns
+    leave of a slow line is no line any more, and the same as they leave of any other.
     """
     groups, wave = observed.groups, observed.wave(search)
     shape = lambda hertz: side_by_side([wave(k, hertz) for k in range(len(groups))], groups)  # noqa: E731
@@ -338,12 +337,17 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
         chance = chi2_tail.log_tail(gain, dof) + np.log(at.size * step / (2 * apart * SHARES["line"]))
         return chance < np.log(choice.level) and gain - COST * dof > least
 
+    def gained(hertz):
+        columns = shape(hertz)[0]
+        here = [(c, q.T @ c) for c, q, t in zip(columns, result.problem.bases, times, strict=True) if t.size]
+        size, taken = (sum(np.sum(one[k] ** 2) for one in here) for k in (0, 1))
+        return _gain(result, columns) if size - taken > LEFT * size else (0.0, 1)
+
     for peak in at[tops[np.argsort(-score[tops])[:PEAKS]]]:
-        rough = np.arange(peak - step, peak + 1.01 * step, apart)
-        gain, dof, best = max((*_gain(result, shape(one)[0]), one) for one in rough)
+        gain, dof, best = max((*gained(one), one) for one in np.arange(peak - step, peak + 1.01 * step, apart))
         if counts(BETWEEN * gain, dof):
             grid = best + apart * FINE
-            gains = [_gain(result, shape(one)[0]) for one in grid]
+            gains = [gained(one) for one in grid]
             if counts(*max(gains)):
                 kept.append(_line(grid, np.array([g for g, _ in gains]), shape, search))
     return kept
