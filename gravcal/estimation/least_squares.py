@@ -145,7 +145,7 @@ def weakening(information: np.ndarray, modes: np.ndarray) -> np.ndarray:
 def disagreement(residuals: Sequence, informations: Sequence, modes: Sequence) -> tuple[float, int]:
     """Chi-square and degrees of freedom of score residuals (p,) about a common value, by their information (p, p).
 
-    Errors that all share, modes (p, m) of each, are free within their unit prior.
+    sum r' N^+ r less what a common value explains; shared errors, modes (p, m) of each, are free within unit priors.
     """
     count, size = modes[0].shape[1], informations[0].shape[0]
     normal, right, total = np.zeros((size + count,) * 2), np.zeros(size + count), 0.0

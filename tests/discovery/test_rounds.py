@@ -187,8 +187,7 @@ def test_a_telegraph_signal_is_one_name_where_some_of_its_jumps_were_named_as_st
     after = [(time >= one).astype(float)[:, None] for one in at]
     steps = [Candidate(f"case.step@{t}", "", ["size"], ["m"], [c], [9.0], at=t) for t, c in zip(at, after, strict=True)]
     found = search([block], steps, CHOICE, np.random.default_rng(1)).findings
-    jumps = np.count_nonzero(np.diff(level))
-    assert [one.form for one in found] == [f"linear reading x, {jumps} jumps between two levels"]
+    assert [one.form.split()[3] for one in found] == [str(np.count_nonzero(np.diff(level)))]  # of jumps
 
 
 def without(values, columns):

@@ -96,6 +96,8 @@ def test_a_law_in_no_list_is_a_sentence_with_numbers():
         "current; Δa = A u, where τ du/dt + u = |x|, x = the current, of size one, A(z) = 6.10 ± 0.21 nm s⁻², "
         "τ = 39.8 ± 2.2 s."
     )
+    text = words.sentence(finding("unknown:latitude", "wave of 4 a", linear_z_sine=(6e-9, 2e-10, "m s-2")))
+    assert "C cos u + S sin u, where u = 4 a, S(z) = 6.00 ± 0.20 nm s⁻²" in text
 
 
 def test_every_effect_of_the_catalogue_has_a_sentence():

@@ -165,10 +165,9 @@ class InertialSensor(records.Observations):
     def physical(self, entry: records.Entry, fitted: records.Fitted) -> records.Entry:
         """Parameters with the mean of a wave in the linear reading, which no record of one axis tells from a bias."""
         found = super().physical(entry, fitted)
-        known = [n for n, p in found.parameters.items() if fitted.candidate.means and p.value]
-        sizes = {a: [found.parameters[n].value for n in known if n.split("_")[1] == a] for a in "xyz"}
-        unit = found.parameters[known[0]].unit if known else ""
-        means = {f"mean_{a}": records.Parameter(0.0, float(np.linalg.norm(v)), unit) for a, v in sizes.items() if v}
+        known = found.parameters.items() if fitted.candidate.means else ()
+        sizes = {a: [p.value for n, p in known if n.split("_")[1] == a and p.value] for a in "xyz"}
+        means = {f"mean_{a}": records.Parameter(0.0, float(np.linalg.norm(v)), "m s-2") for a, v in sizes.items() if v}
         return replace(found, parameters=dict(found.parameters) | means)
 
     def forms_of(self, entry: records.Entry) -> Iterable[records.Candidate]:

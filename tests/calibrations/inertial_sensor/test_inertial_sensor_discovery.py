@@ -98,8 +98,7 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, manoeuvre, slug):
 
 def test_a_slow_wave_in_a_roll_follows_the_latitude_and_is_no_line(rng, tmp_path):
     """Recovery: with a phase in each segment of 1.7 cycles any line is such a wave, whose open mean is in the bias."""
-    seed = int(rng.integers(1_000_000))
-    truth = commands.simulated("inertial_sensor", tmp_path / "level1", seed, manoeuvre="roll", **SHORT)
+    truth = commands.simulated("inertial_sensor", tmp_path / "level1", rng.integers(1e6), manoeuvre="roll", **SHORT)
     with netCDF4.Dataset(next((tmp_path / "level1").glob("IS1*")), "a") as file:
         wave = 3e-7 * np.sin(2 * np.pi * file["time"][:] / 1448 + rng.uniform(0, 6))  # a quarter of a revolution
         for name in ("V_z1", "V_z2"):
