@@ -337,12 +337,7 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
         chance = chi2_tail.log_tail(gain, dof) + np.log(at.size * step / (2 * apart * SHARES["line"]))
         return chance < np.log(choice.level) and gain - COST * dof > least
 
-    def gained(hertz):
-        columns = shape(hertz)[0]
-        here = [(c, q.T @ c) for c, q, t in zip(columns, result.problem.bases, times, strict=True) if t.size]
-        size, taken = (sum(np.sum(one[k] ** 2) for one in here) for k in (0, 1))
-        return _gain(result, columns) if size - taken > LEFT * size else (0.0, 1)
-
+    gained = lambda hertz: _gain(result, shape(hertz)[0], [time.size > 0 for time in times])  # noqa: E731
     for peak in at[tops[np.argsort(-score[tops])[:PEAKS]]]:
         gain, dof, best = max((*gained(one), one) for one in np.arange(peak - step, peak + 1.01 * step, apart))
         if counts(BETWEEN * gain, dof):
@@ -353,10 +348,13 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
     return kept
 
 
-def _gain(result, columns):
-    """Chi-square gained, and how many parameters gain it, with own and baseline columns free."""
+def _gain(result, columns, here):
+    """Chi-square gained, by how many parameters, all others free; none if they leave little in blocks (b,) `here`."""
     problem, baseline = result.problem, result.baseline
     clean = [c - q @ (q.T @ c) for c, q in zip(columns, problem.bases, strict=True)]
+    size, left = (sum(np.sum(c**2) for c in itertools.compress(part, here)) for part in (columns, clean))
+    if left <= LEFT * size:
+        return 0.0, 1
     cross = sum(b.of(baseline).T @ c for b, c in zip(problem.columns, clean, strict=True))
     inner = sum(c.T @ c for c in clean) - cross.T @ inverse_of_baseline(problem, baseline) @ cross
     right = sum(c.T @ r for c, r in zip(clean, result.after.rest, strict=True))

@@ -37,8 +37,7 @@ def sentence(one: NamedCause) -> str:
             if any(n.startswith("mean_") for n in known)
             else ""
         )
-        said = title(one.cause)
-        return f"{said[:1].upper()}{said[1:]}: {_law(one.form, known)}{tail}."
+        return f"{_upper(title(one.cause))}: {_law(one.form, known)}{tail}."
     listed = effects.catalogue().get(one.cause)
     law = [p.name for p in listed.parameters if p.neutral != 0 or p.name in ("time", "frequency")] if listed else []
     stated = _stated({n: p for n, p in known.items() if n not in law}) + [n for n in law if n in known]
@@ -46,8 +45,11 @@ def sentence(one: NamedCause) -> str:
     more = len(known) - len(said)
     tail = ", in every manoeuvre as long after its start" if one.form.startswith("every manoeuvre") else ""
     tail += f"; {more} more in the table" if more else ""
-    text = "; ".join(said) or "no size is determined"
-    return f"{text[:1].upper()}{text[1:]} ({title(one.cause)}{tail})."
+    return f"{_upper('; '.join(said) or 'no size is determined')} ({title(one.cause)}{tail})."
+
+
+def _upper(text):
+    return text[:1].upper() + text[1:]
 
 
 def _stated(known):
@@ -82,19 +84,19 @@ def _law(form, known):
     stated = _stated(sizes)
     letter = READINGS.get(reading.split()[0], "y") if reading else "y"
     if "frequency" in known and re.fullmatch(r"[\d.]+ Hz", words):
-        words, symbols, wheres = "a wave", "sin(2πft + φ)", []
+        words, symbols, wheres = "a wave", "A sin(2πft + φ)", []
     elif words.startswith("wave of "):
         symbols, wheres = "C cos u + S sin u", [f"u = {words.removeprefix('wave of ')}"]
     else:
         base, symbols, wheres = _symbols(words)
         wheres.append(f"x = {base}, of size one")
-    symbols = symbols if symbols.startswith(("A₀", "C cos")) else f"A {symbols}"
+        symbols = symbols if symbols.startswith("A₀") else f"A {symbols}"
     rows = []
     for n in stated:  # such as "linear_y" or "linear_y_0", with number and axis as its subscript
         parts, size = n.split("_"), quantity(sizes[n].value, sizes[n].sigma, sizes[n].unit)
         number = "".join("₀₁₂"[int(part)] for part in parts if part in ("0", "1", "2"))
-        letter_of = "C" if "cosine" in parts else "S" if "sine" in parts else "A"
-        rows.append(f"{letter_of}{number}{''.join(f'({part})' for part in parts if part in ('x', 'y', 'z'))} = {size}")
+        amplitude = "C" if "cosine" in parts else "S" if "sine" in parts else "A"
+        rows.append(f"{amplitude}{number}{''.join(f'({part})' for part in parts if part in ('x', 'y', 'z'))} = {size}")
     rows += [f"{SYMBOLS[n]} = {quantity(p.value, p.sigma, p.unit)}" for n, p in known.items() if n in SYMBOLS]
     where = ", ".join([*wheres, *rows])
     return f"{f'{reading} follows ' if reading else ''}{words}; Δ{letter} = {symbols}, where {where}"
