@@ -502,10 +502,11 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         others = [one for one in chosen if one not in lines]
         rest = [k for k, _ in others]
         alone = {k: attribution.beside(grown, rest, k).log_p for k in (index, *(k for k, _ in lines))}
-        if min(alone, key=alone.get) != index:  # it is what a line leaves that is less likely by chance
-            break
         gains = [attribution.beside(problem, [j for j in used if j != k], k).gain for k in used]
-        if ratio.gain - ratio.dof < SHADOW * max(gains, default=0.0):
+        small = ratio.gain - ratio.dof < SHADOW * max(gains, default=0.0)
+        if small or min(alone, key=alone.get) != index:  # it is what a line leaves that is less likely by chance
+            if found:  # two levels are not all there is: the place itself
+                continue
             break
         kept = []
         for k, one in others:  # what is significant beside it, corrected as when it was named
@@ -532,10 +533,8 @@ def _given_way(problem, chosen, position, choice, least):
 
 def _agreed(problem, others, index):
     """Whether all blocks agree on the value of a cause."""
-    from scipy.stats import chi2 as chi2_distribution
-
     baseline, place = baseline_of(problem, others), problem.places[index]
     extra, dof = attribution.disagreement(problem.gram, baseline, place, problem.size)
     gain = attribution.beside(problem, others, index).gain
     share, level = DISAGREE
-    return dof <= 0 or extra - dof < share * gain or chi2_distribution.sf(extra, dof) > level
+    return dof <= 0 or extra - dof < share * gain or chi2_tail.log_tail(extra, dof) > np.log(level)

@@ -592,32 +592,33 @@ def two_levels(series: list[np.ndarray], slow: list[np.ndarray]) -> tuple[list[n
     Notes
     -----
     A telegraph signal has the spectrum of noise, not its distribution: two levels with white noise are set against
-    autoregressive noise by Schwarz's criterion. The hidden states, 1 or -1, are their mean over all paths, by Baum and
-    Welch (Rabiner, Proc. IEEE 77, 1989) with the flips of both ways alike.
+    autoregressive noise by Schwarz's criterion, both with the samples that the slow columns leave. The hidden states,
+    1 or -1, are their mean over all paths, by Baum and Welch (Rabiner, Proc. IEEE 77, 1989), flips of both ways alike.
     """
     parts = [(y, c, np.isfinite(y)) for y, c in zip(series, slow, strict=True)]
     rest = [y - c @ np.linalg.lstsq(c[g], y[g], rcond=None)[0] for y, c, g in parts]
-    count, whole = sum(int(g.sum()) for _, _, g in parts), np.concatenate(rest)
-    if count < 10 * FLIPS or not np.nanstd(whole) > 0:
+    count, removed = sum(int(g.sum()) for _, _, g in parts), sum(c.shape[1] for c in slow)
+    whole, left = np.concatenate(rest), count - removed
+    if left < 10 * FLIPS or not np.nanstd(whole) > 0:
         return [0 * y for y in series], [0 * y for y in series], -np.inf
-    models = (fit_noise(rest, k, 1.0).variance for k in range(FLIPS + 1))
-    least = min(count * (np.log(2 * np.pi * one[-1]) + 1) + (one.size - 1) * np.log(count) for one in models)
+    models = (fit_noise(rest, k, 1.0, removed).variance for k in range(FLIPS + 1))
+    least = min(left * (np.log(2 * np.pi * one[-1]) + 1) + (one.size - 1) * np.log(count) for one in models)
     size, variance, flip, best = 0.8 * np.nanstd(whole), np.nanvar(whole) / 4, 0.05, -np.inf
     mean, whole = [y - r for (y, *_), r in zip(parts, rest, strict=True)], np.concatenate(series)
     for _ in range(CLIMBS):
         fields = [size * (y - m) / variance for y, m in zip(series, mean, strict=True)]
         expected = [_states(np.clip(np.nan_to_num(one), -300, 300), flip) for one in fields]
         states, sums, flips = zip(*expected, strict=True)
-        square = np.nanmean((whole - np.concatenate(mean)) ** 2)
-        likelihood = sum(sums) - count / 2 * ((square + size**2) / variance + np.log(2 * np.pi * variance))
+        square = np.nansum((whole - np.concatenate(mean)) ** 2) + count * size**2
+        likelihood = sum(sums) - square / (2 * variance) - left / 2 * np.log(2 * np.pi * variance)
         if likelihood < best + 1e-3:
             break
         best = likelihood
         solved = ((c, (y - size * s)[g], g) for (y, c, g), s in zip(parts, states, strict=True))
-        mean = [c @ np.linalg.lstsq(c[g], left, rcond=None)[0] for c, left, g in solved]
-        state, left = np.concatenate(states), whole - np.concatenate(mean)
-        size = abs(np.nansum(state * left)) / count
-        variance = np.nansum(left**2 - 2 * size * state * left + size**2) / count
+        mean = [c @ np.linalg.lstsq(c[g], level, rcond=None)[0] for c, level, g in solved]
+        state, level = np.concatenate(states), whole - np.concatenate(mean)
+        size = abs(np.nansum(state * level)) / count
+        variance = np.nansum(level**2 - 2 * size * state * level + size**2) / left
         flip = np.clip(sum(flips) / count, 1e-3, 0.5)
     gain = 2 * best - 3 * np.log(count) + least + 2 * np.log(LINE_LEVEL)
     return [m + size * s for m, s in zip(mean, states, strict=True)], list(states), float(gain)

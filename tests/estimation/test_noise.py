@@ -24,6 +24,7 @@ from gravcal.estimation.noise import (
     levels,
     runs,
     spectra_beside,
+    two_levels,
     unwhiten,
     whiten,
     without_lines,
@@ -318,6 +319,13 @@ def test_a_slow_line_and_jumps_between_two_levels_are_no_noise_and_red_noise_is_
         for left, expected in ((without_slow_lines(pieces, 3, 1.0), loud), (without_telegraph(pieces, slow), jumps)):
             assert (np.var(left) < 0.7 * np.var(pieces)) == expected
             assert not expected or np.var(left) == pytest.approx(1.0, abs=0.15)
+
+
+def test_noise_beside_many_slow_columns_has_no_levels():
+    """Recovery: of ten series none beside 60 columns of 200 samples, which bend to levels if every sample counts."""
+    for rng in map(np.random.default_rng, range(10)):
+        columns = np.linalg.qr(rng.standard_normal((200, 60)))[0]
+        assert two_levels([rng.standard_normal(200)], [columns])[2] < 0
 
 
 @pytest.mark.parametrize("rate", [0.0, 2.0])
