@@ -23,8 +23,8 @@ $(STAMP): requirements.lock pyproject.toml
 demo: $(STAMP)  ## simulate a calibration day, process it, print estimate against truth
 	@$(BIN)/gravcal demo
 
-test: $(STAMP)  ## all tests; a third worker fills two cores where tests wait for servers, files share their setup
-	@$(BIN)/python -m pytest -q -n 3 --dist loadfile --no-loadscope-reorder
+test: $(STAMP)  ## all tests; files share their setup
+	@$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 
 QUICK := tests/physics tests/estimation tests/effects tests/io tests/store tests/catalog tests/published \
   tests/test_architecture.py tests/test_stages.py tests/flows/test_cli.py tests/flows/test_plan.py \
