@@ -206,7 +206,7 @@ def discovery(document, files, json_path):
                 value = plain.measured(*(parameter[n] for n in ("value", "sigma", "unit")))
                 rows.append([one["cause"], name, *value])
     if rows:
-        table(["cause", "parameter", "value", "unit"], rows)
+        table(["cause", "parameter, all free", "value", "unit"], rows)
     for path in files:
         say(str(path))
 

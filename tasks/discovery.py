@@ -72,7 +72,7 @@ def extend_by(found, *products, records, observations, names, settings, tentativ
     return _without(observations_of(products, observations, names, settings), products, records, names, model)
 
 
-@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=7, also=["{observations}"])
+@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=8, also=["{observations}"])
 def report(found, *combined, calibration, observations, event, satellite, settings, records):
     """Document, page and extended model; with results before, after, and before with what a model adds, if any."""
     named = {"calibration": calibration, "event": event, "satellite": satellite, "records": records}

@@ -125,7 +125,9 @@ def findings_table(findings: Sequence[NamedCause]) -> Table:
     for one in findings:
         held = f"{one.heldout_gain.chi2:.0f} ({one.heldout})"
         gained = f"{one.heldout_gain.in_sample_chi2:.0f}", held, probability(one.significance)
-        rows.append([words.title(one.cause), one.form or "all parameters", *gained, "", ""])
+        own = [*one.model.values()] if set(one.model) < set(one.parameters) else []
+        alone = plain.measured(own[0].value, own[0].sigma, own[0].unit) if len(own) == 1 else ("", "")
+        rows.append([words.title(one.cause), one.form or "all parameters", *gained, *alone])
         rows += parameter_rows((name, p.value, p.sigma, p.unit) for name, p in one.parameters.items())
     return WORDS.table("findings", rows)
 

@@ -11,6 +11,7 @@ from gravcal.store.results import units
 STATED = 3  # parameters of a finding that a sentence states
 CLEAR = 2.0  # of its error, from which a parameter is stated
 MOVED = 0.5  # of the error before, from which a move of the result is stated
+OPEN_MEAN = "; any mean of it is a bias, whose error holds one as large"
 QUIET = 1e-3  # probability of so little power, below which the noise is overrated
 
 
@@ -32,19 +33,15 @@ def sentence(one: NamedCause) -> str:
         return f"Power beyond noise that follows nothing: {one.form.removeprefix('excess in the ')}."
     known = {n: p for n, p in one.parameters.items() if p.value is not None}
     if not one.in_catalogue:
-        tail = (
-            "; any mean of it is a bias, whose error holds one as large"
-            if any(n.startswith("mean_") for n in known)
-            else ""
-        )
+        tail = OPEN_MEAN * any(n.startswith("mean_") for n in known)
         return f"{_upper(title(one.cause))}: {_law(one.form, known)}{tail}."
-    listed = effects.catalogue().get(one.cause)
+    listed, own = effects.catalogue().get(one.cause), one.model if set(one.model) < set(known) else {}
     law = [p.name for p in listed.parameters if p.neutral != 0 or p.name in ("time", "frequency")] if listed else []
-    stated = _stated({n: p for n, p in known.items() if n not in law}) + [n for n in law if n in known]
-    said = [_phrase(one.cause, name, known[name]) for name in stated]
-    more = len(known) - len(said)
+    stated = _stated({n: p for n, p in (own or known).items() if n not in law}) + [n for n in law if n in known]
+    said = [_phrase(one.cause, name, (known | own)[name]) for name in stated]
     tail = ", in every manoeuvre as long after its start" if one.form.startswith("every manoeuvre") else ""
-    tail += f"; {more} more in the table" if more else ""
+    more = len(known) - len(said)
+    tail += f"; {'alone, with ' * bool(own)}{more} more in the table" if more else ""
     return f"{_upper('; '.join(said) or 'no size is determined')} ({title(one.cause)}{tail})."
 
 

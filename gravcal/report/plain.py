@@ -140,7 +140,7 @@ def chi_square(test, with_probability=True):
 
 
 SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
-PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k"}
+PREFIXES = {-15: "f", -12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k"}
 PREFIXED = ("m", "rad", "T", "V", "N", "A", "s", "Hz", "F", "W")
 
 

@@ -110,6 +110,19 @@ def test_every_effect_of_the_catalogue_has_a_sentence():
             assert not re.search("[a-z]_", text.replace(parameter.name, "")), text
 
 
+def test_a_form_that_was_named_has_its_own_size_beside_what_is_left_if_all_are_free():
+    """Contract: sentence and first row of the table say the size of the form, rows below it all parameters."""
+    all_free = {"z_from_x": (2e-11, 1.2e-11, "m s-2 A-1 m-2"), "z_from_y": (-2e-11, 1e-11, "m s-2 A-1 m-2")}
+    model = {"z_from_x": Parameter(3e-11, 5e-13, "m s-2 A-1 m-2")}
+    one = replace(finding("accelerometer.current_leak", "z_from_x alone", **all_free), model=model)
+    assert words.sentence(one).endswith(
+        "along x is 30.00 ± 0.50 pm s⁻² A⁻¹ m⁻² (accelerometer: current leak; alone, with 1 more in the table)."
+    )
+    first, *others = discovery.findings_table([one]).rows
+    assert first[1] == "z_from_x alone"
+    assert [row[-2] for row in (first, *others)] == ["30.00 ± 0.50", "20 ± 12", "−20 ± 10"]
+
+
 def test_the_verdict_says_what_moves_and_alarms():
     """Contract: moves in the unit of the result; too little power is said beside a finding as well."""
     one = finding("torque.dipole_gain", rod_x=(-0.02, 0.001, "1"))
