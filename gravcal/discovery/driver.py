@@ -334,7 +334,7 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
     apart = 1 / (4 * max(np.ptp(one) for one in whole if one.size))
 
     def counts(gain, dof):
-        chance = chi2_tail.log_tail(gain, dof) + np.log(at.size * step / (2 * apart * SHARES["line"]))
+        chance = chi2_tail.log_tail(gain, dof, choice.freedom) + np.log(at.size * step / (2 * apart * SHARES["line"]))
         return chance < np.log(choice.level) and gain - COST * dof > least
 
     gained = lambda hertz: _gain(result, shape(hertz)[0], [time.size > 0 for time in times])  # noqa: E731

@@ -344,10 +344,8 @@ def _result(problem, findings, tests, baseline, first):
 
 #: Extra chi-square per gained chi-square, and its probability, at which the blocks do not agree on one value.
 DISAGREE = (0.15, 1e-4)
-#: Share of the gain of a cause in no list that its form may leave.
-SHADOW = 0.05
-#: Share of the power of the smaller of two contributions that their sum keeps where they cancel each other.
-CANCELLED = 0.1
+SHADOW = 0.05  # share of the gain of a cause in no list that its form may leave
+CANCELLED = 0.1  # share of the power of the smaller of two contributions that their sum keeps where they cancel
 EXCESSES = 3  # that are named at most
 TIME = "unknown:time"
 JUMPS = 3  # of one size, from which on they are one signal
@@ -477,9 +475,9 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
 def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
     """Problem, names and adequacy with the power beyond noise that follows nothing.
 
-    Names that pass no more beside it go, and lines in its band: a line, a step or a cause of the catalogue takes some
-    of the power of a chirp or of a signal that jumps at random. An excess that is small beside the names is what their
-    form leaves, and gets none. Two levels are looked for until they are found.
+    Names that pass no more beside it go, and lines in its band: they take some of the power of a chirp, or of a signal
+    that jumps at random. An excess that is small beside the names is what their form leaves, and gets none. Two levels
+    are looked for until they are found.
     """
     jumps = None
     for _ in range(EXCESSES):

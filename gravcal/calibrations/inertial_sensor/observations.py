@@ -65,6 +65,7 @@ def observe(
         start=np.array([known[name] for name in parameters]),
         epoch=float(roll.time.mean()) if roll else None,
         quiet=dict.fromkeys(swing.channels, swing.quiet) if swing else {},  # in a roll noise is measured in the rows
+        noise_order={"linear": scene["noise_order"]} if swing else {},
         lines=tuple(records.LineSearch(c, a, observed_swing.TONE, "m s-2") for c in read for a in range(3)),
     )
 
@@ -93,6 +94,7 @@ class InertialSensor(records.Observations):
     start: np.ndarray
     epoch: float | None  #: middle of the segments of a roll, at which a bias that drifts is given
     quiet: Mapping[str, float] = field(default_factory=dict)
+    noise_order: Mapping[str, int] = field(default_factory=dict)
     lines: tuple[records.LineSearch, ...] = ()
 
     name = "inertial_sensor"
