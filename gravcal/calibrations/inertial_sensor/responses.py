@@ -1,10 +1,10 @@
 """What effects of the catalogue, and drivers in no list, do to a swing and to a roll; the records without them."""
 
+import itertools
 from collections.abc import Sequence
 
 import numpy as np
 import xarray as xr
-from scipy.signal import lfilter
 
 from gravcal.calibrations.causes import added_by, along, listed, on_axes, unknown
 from gravcal.calibrations.inertial_sensor import model as fits
@@ -13,7 +13,7 @@ from gravcal.calibrations.inertial_sensor.observed_roll import CHANNEL, RollView
 from gravcal.calibrations.inertial_sensor.observed_swing import STEP, TONE, SwingView
 from gravcal.effects import effect
 from gravcal.effects import inertial_sensor as electrodes
-from gravcal.effects.drivers import products
+from gravcal.effects.drivers import lagged, products
 from gravcal.estimation.records import Candidate, Entry, at_epoch
 from gravcal.estimation.resampling import lines_between
 from gravcal.physics import frames
@@ -27,7 +27,8 @@ EFFECTS = (*electrodes.EFFECTS, *map(effect, OTHERS))
 COMBINATIONS = {"linear": slice(0, 3), "angular": slice(3, 6)}
 STEP_S, QUIET_STEP_S = 2.0, 6.0  # between epochs at which a step is looked for, in a swing and in the quiet data beside
 MARGIN_S = 10.0  # from the ends of the record, where none is
-MEMORIES_S = (4.0, 12.0, 40.0)  # of the size of a rate that may warm or charge something
+MEMORIES_S = 4.0 * 1.6 ** np.arange(6)  # of the size of a rate that may warm something; nearer ones are hardly apart
+REST = 1e-3  # s, memory of what ends with the motion
 FIXED_POINT = 6  # times that offset and effects follow from each other
 
 
@@ -40,19 +41,17 @@ def of_swing(view: SwingView) -> list[Candidate]:
     kept = [abs(at - view.record.time.mean()) < np.ptp(view.record.time) / 2 for at in epochs]
     kept |= np.arange(epochs.size) % round(QUIET_STEP_S / STEP_S) == 0
     candidates += steps(view, epochs[kept])
-    series = list(_series(view, about))
-    for driver, form, values in series:
-        columns = view.cut(linear=view.linear_rows(view.binned(values)[:, None, None] * np.eye(3)))
-        candidates.append(unknown(driver, f"linear reading, {form}", columns, "m s-2", along("linear")))
-    for driver, form, values in series:
-        columns = view.cut(attitude=-view.turned_rows(values[:, None, None] * np.eye(3)))
-        candidates.append(unknown(driver, f"angular reading, {form}", columns, "rad s-2", along("angular")))
+    for driver, form, values, tau in _series(view, about):
+        added = _at(view.time, about.time, values, tau)
+        added[view.inside] = view.binned(values)
+        linear, turned = view.linear_rows(on_axes(added)), -view.turned_rows(on_axes(values))
+        read = ("linear", view.cut(linear=linear), "m s-2"), ("angular", view.cut(attitude=turned), "rad s-2")
+        candidates += [unknown(driver, f"{name} reading, {form}", c, unit, along(name)) for name, c, unit in read]
     return candidates
 
 
 def _of_effect(view, entry, about):
     """Whitened rows by channel of an effect."""
-    time_att = view.swing.time_att
     match entry.channel:
         case "linear_b":
             return {"linear": view.linear_rows(view.binned(entry.columns(about)))}
@@ -67,9 +66,9 @@ def _of_effect(view, entry, about):
             late = np.gradient(about.angular_b, about.time, axis=0)[:, :, None]
             return {"attitude": view.turned_rows(late)}
         case "sca_delay":
-            rate = lines_between(time_att, about.time, about.rate_b)
+            rate = lines_between(view.swing.time_att, about.time, about.rate_b)
             return {"attitude": view.attitude_rows(-rate[:, :, None])}
-    return {"attitude": view.attitude_rows(np.broadcast_to(np.eye(3), (time_att.size, 3, 3)))}
+    return {"attitude": view.attitude_rows(np.broadcast_to(np.eye(3), (view.swing.time_att.size, 3, 3)))}
 
 
 def _of_angular(view, added):
@@ -90,25 +89,27 @@ def step(epoch: float, columns: list[np.ndarray | None]) -> Candidate:
     return Candidate(at_epoch(STEP, epoch), f"time {epoch:.1f} s", ["x", "y", "z"], ["m s-2"] * 3, columns)
 
 
-def _series(view, about) -> list[tuple[str, str, np.ndarray]]:
-    """Driver, form and values (n,) 1 on the epochs of a context, each of a size near one."""
+def _at(time, own, values, tau):
+    """Values (n,) of a series at times s; beyond its own times the motion rests and what remembers it decays."""
+    return np.interp(time, own, values, left=0.0) * np.exp(-np.clip(time - own[-1], 0, None) / tau)
+
+
+def _series(view, about) -> list[tuple[str, str, np.ndarray, float]]:
+    """Driver, form and values (n,) 1 on the epochs of a context, each of a size near one, and their memory s."""
     rate = about.rate_b - about.rate_b.mean(axis=0)
-    step_s = np.diff(about.time, prepend=about.time[0])[:, None]
-    angle = np.cumsum(np.nan_to_num(rate) * step_s, axis=0)
+    angle = np.cumsum(np.nan_to_num(rate) * np.diff(about.time, prepend=about.time[0])[:, None], axis=0)
     rows = []
     for name, values in (("rate", rate), ("attitude", angle), ("angular_acceleration", about.rate_dot_b)):
         values = np.nan_to_num(values) / max(np.nanmax(np.abs(values)), 1e-30)
-        rows += [(name, f"component {a}", values[:, i]) for i, a in enumerate("xyz")]
-        rows += [(name, *one) for one in products(values)]
-        rows += [(name, f"size of {a}", np.abs(values[:, i])) for i, a in enumerate("xyz")]
-        rows += [(name, f"cube of {a}", values[:, i] ** 3) for i, a in enumerate("xyz")]
+        rows += [(name, f"component {a}", values[:, i], REST) for i, a in enumerate("xyz")]
+        rows += [(name, *one, REST) for one in products(values)]
+        rows += [(name, f"size of {a}", np.abs(values[:, i]), REST) for i, a in enumerate("xyz")]
+        rows += [(name, f"cube of {a}", values[:, i] ** 3, REST) for i, a in enumerate("xyz")]
     size = np.abs(np.nan_to_num(rate)) / max(np.nanmax(np.abs(rate)), 1e-30)
-    for tau in MEMORIES_S:
-        share = 1 - np.exp(-float(step_s[1, 0]) / tau)
-        kept = lfilter([share], [1, share - 1], size, axis=0)
-        rows += [("rate", f"memory of {tau:g} s of the size of {a}", kept[:, i]) for i, a in enumerate("xyz")]
+    for tau, (i, a) in itertools.product(MEMORIES_S, enumerate("xyz")):
+        rows.append(("rate", f"memory of {tau:g} s of the size of {a}", lagged(about.time, size[:, i], tau), tau))
     since = np.clip(about.time - view.record.time[0], 0, None)
-    return rows + [("time", f"decay of {t:g} s", np.exp(-since / t)) for t in (10.0, 30.0, 90.0)]
+    return rows + [("time", f"decay of {t:g} s", np.exp(-since / t), t) for t in (10.0, 30.0, 90.0)]
 
 
 def swing_without(view: SwingView, model: Sequence[Entry]) -> xr.Dataset:
@@ -170,7 +171,7 @@ def _added(view, entry, channel, about):
             return 0.0
         return known.contribution(about, known.values(entry.values))
     own = view.context()  # where its candidates are made
-    rows = ((d, f, np.interp(about.time, own.time, values)) for d, f, values in _series(view, own))
+    rows = ((d, f, _at(about.time, own.time, values, tau)) for d, f, values, tau in _series(view, own))
     return added_by(entry, channel, f"{channel} reading, ", rows)
 
 
