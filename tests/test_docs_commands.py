@@ -145,8 +145,7 @@ def filled(words, place):
 
 
 @pytest.mark.parametrize(
-    "line",
-    [pytest.param(line, id=f"{page}: {line}") for line, page in lines().items() if kind(line) == "plain"],
+    "line", [pytest.param(line, id=f"{page}: {line}") for line, page in lines().items() if kind(line) == "plain"]
 )
 def test_a_line_delivers(line, typing):
     """Contract: exit code 0, and something said."""

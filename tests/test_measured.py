@@ -16,10 +16,7 @@ pytestmark = pytest.mark.measured
 FOLDER = MEASURED / "gracefo-2023-06-01"
 MIDNIGHT = 738849600.0  # s GPS, 2023-06-01 00:00:00
 #: nT in SRF at midnight, from the README of the data: IGRF and magnetometer.
-FIGURES = {
-    "C": ((12849, 7110, -32103), (12328, 7118, -31842)),
-    "D": ((-13913, -6919, -30971), (-12779, -6760, -31384)),
-}
+FIGURES = {"C": ((12849, 7110, -32103), (12328, 7118, -31842)), "D": ((-13913, -6919, -30971), (-12779, -6760, -31384))}
 
 
 @pytest.fixture(scope="module")

@@ -11,13 +11,7 @@ from scipy.stats import multivariate_normal
 
 from gravcal.discovery import attribution, scan
 from gravcal.discovery.driver import check_causes
-from gravcal.discovery.problem import (
-    columns_of,
-    observed_rows,
-    prepare,
-    residuals_of,
-    without_rounding,
-)
+from gravcal.discovery.problem import columns_of, observed_rows, prepare, residuals_of, without_rounding
 from gravcal.discovery.rounds import Choice, search
 from gravcal.errors import CatalogError
 from gravcal.estimation.least_squares import orthonormal

@@ -113,11 +113,7 @@ def test_runs_of_killed_processes_are_marked_as_crashed(monkeypatch):
     import platform
 
     here = f"{server.OWN}{platform.node()}-"
-    tags = {
-        "gone": f"{here}99999999",
-        "alive": f"{here}{os.getpid()}",
-        "foreign": f"{server.OWN}other-99999999",
-    }
+    tags = {"gone": f"{here}99999999", "alive": f"{here}{os.getpid()}", "foreign": f"{server.OWN}other-99999999"}
     asked = []
 
     def answer(url, path, question=None):

@@ -443,10 +443,7 @@ def test_a_server_that_ends_before_it_answers_is_started_again(monkeypatch):
     monkeypatch.setattr(
         server.subprocess, "Popen", lambda _, **given: popen([healthy, "-c", "raise SystemExit(7)"], **given)
     )
-    with (
-        pytest.raises(server.Unavailable, match="ended with code 7"),
-        server.running(server.begin()),
-    ):
+    with pytest.raises(server.Unavailable, match="ended with code 7"), server.running(server.begin()):
         pass
 
 

@@ -33,10 +33,7 @@ def test_lines_written_and_lines_of_the_handbook_are_read_to_the_last_digit():
     assert vcm.read_line("x 1.0 GRACEB VKB 3 1.472580 -0.000088 0.003319") is None
 
 
-@pytest.mark.parametrize(
-    "line",
-    ["", "1.0 GRACEC VCM 3 1 2", "1.0 GRACEE VCM 3 1 2 3", "1.0 GRACEC VCM 3 1 b 3"],
-)
+@pytest.mark.parametrize("line", ["", "1.0 GRACEC VCM 3 1 2", "1.0 GRACEE VCM 3 1 2 3", "1.0 GRACEC VCM 3 1 b 3"])
 def test_a_broken_line_is_refused(line):
     """Contract: found, expected, remedy."""
     with pytest.raises(ProductError, match=r"found .*; expected .*Correct the line"):

@@ -129,9 +129,7 @@ def test_neither_other_epochs_nor_large_time_tags_cost_accuracy():
 def test_an_extra_torque_may_ramp_and_jump():
     """Analytic: ramp 0 to 1 N m in 2 s, jump to 3, constant to 4 s, nothing after: J w = 1, 1 + 6 = 7 N m s."""
     torque = quiet(
-        np.eye(3) * 1e4,
-        extra_time=np.array([0.0, 2.0, 2.0, 4.0]),
-        extra_b=np.outer([0, 1.0, 3, 3], [0, 0, 1]),
+        np.eye(3) * 1e4, extra_time=np.array([0.0, 2.0, 2.0, 4.0]), extra_b=np.outer([0, 1.0, 3, 3], [0, 0, 1])
     )
     at = np.array([1.0, 2.0, 3.0, 4.0, 9.0])
     _, rate, rate_dot = dynamics.integrate(at, REST, torque, max_step=10.0)

@@ -108,14 +108,7 @@ def test_foreign_things_elsewhere_do_no_harm(store_folder):
 
     What a killed writer left goes; that its kill leaves whole objects is proven with campaigns, a hundred times.
     """
-    for name in (
-        "tmp/notes",
-        f"tmp/{ABC[:32]}/product.nc",
-        "objects/README",
-        "objects/ab/x",
-        "latest/e",
-        "locks/x/y",
-    ):
+    for name in ("tmp/notes", f"tmp/{ABC[:32]}/product.nc", "objects/README", "objects/ab/x", "latest/e", "locks/x/y"):
         path = store_folder / name
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text("foreign")

@@ -158,12 +158,7 @@ def test_delays_from_brackets_cover_the_truth():
 
 
 STEP_MA = 0.0537369  # of the telemetry
-SETTINGS = {
-    "period_s": 12.0,
-    "period_tolerance_s": 0.6,
-    "minimum_half_periods": 10,
-    "current_threshold_ma": 20.0,
-}
+SETTINGS = {"period_s": 12.0, "period_tolerance_s": 0.6, "minimum_half_periods": 10, "current_threshold_ma": 20.0}
 START, HALF_PERIODS = 200.0, 30
 
 
