@@ -84,8 +84,11 @@ def test_the_error_of_a_leak_is_in_the_offset(files):
 
 
 def test_a_search_begins_with_the_model_that_is_given(files):
-    """Contract: what the model holds is not found again, the other half is, and the new model holds both halves."""
-    entries = json.loads(calibration.model_text(found(files, HALF)[1] / "model.toml"))
+    """Contract: what the model holds is not found again; half of it is, and the new model holds both halves."""
+    (document, whole), (_, half) = (found(files, one) for one in (leak(LEAK), HALF))
+    assert document["findings"] == []
+    assert not (whole / "model.toml").exists()
+    entries = json.loads(calibration.model_text(half / "model.toml"))
     first, *others = (one["parameters"].get("z_from_x", {}).get("value", 0.0) for one in entries)
     assert first == 0.5 * LEAK
     assert abs(sum(others) - 0.5 * LEAK) < 0.1 * LEAK

@@ -6,9 +6,8 @@ import numpy as np
 import pytest
 from commands import causes
 from independent.damage import late, netcdf
+from scipy.signal import lfilter
 from seeds import ALARM, MISSED, clean, enough
-
-from gravcal.effects.drivers import lagged
 
 RNG_LEVEL = 2e-4 + 2 * ALARM + 4 * MISSED  # of all its draws, see seeds.py
 
@@ -116,7 +115,8 @@ def test_what_remembers_the_motion_decays_after_it_and_is_one_name(rng, tmp_path
     with netCDF4.Dataset(next((tmp_path / "level1").glob("IS1*")), "a") as file:
         turning, swung = file["V_z1"][:] - file["V_z2"][:], np.abs(file["time"][:] - MIDDLE) < 110
         rate = np.cumsum(np.where(swung, turning - turning[swung].mean(), 0.0))
-        memory = lagged(np.asarray(file["time"][:]), np.abs(rate) / np.abs(rate).max(), 17.0)
+        share = float(file["time"][1] - file["time"][0]) / 17.0
+        memory = lfilter([share], [1, share - 1], np.abs(rate) / np.abs(rate).max())
         for name in ("V_z1", "V_z2"):
             file[name][:] += 6e-8 * memory / truth["k"][2] / 2
     (one,) = commands.discovered("inertial_sensor", tmp_path)["findings"]
