@@ -19,8 +19,7 @@ def calibrate(source, chosen):
         theirs = magnetometer.theirs(file, event=source.event)
         settings = chosen.for_stage("estimate") | chosen.for_stage("align")
         published.append(magnetometer.beside(records, found, camera, orbit, theirs, **settings))
-    reported = (found, records, checked, *published)
-    return magnetometer.report(*reported, event=source.event, settings=chosen.for_report())
+    return magnetometer.report(found, records, checked, *published, event=source.event, settings=chosen.for_report())
 
 
 def made(source, chosen):

@@ -4,6 +4,7 @@ import functools
 
 import numpy as np
 import xarray as xr
+from numba import njit
 
 from gravcal.estimation import timing
 from gravcal.physics import earth, frames
@@ -74,8 +75,7 @@ def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_g
 def between(at: np.ndarray, time: np.ndarray, limit: float) -> np.ndarray:
     """True for each epoch (m,) on or between two ordered samples (n,) that are at most `limit` apart (s)."""
     index = np.clip(np.searchsorted(time, at), 1, time.size - 1)
-    inside = (at >= time[0]) & (at <= time[-1])
-    return inside & (time[index] - time[index - 1] <= limit)
+    return (at >= time[0]) & (at <= time[-1]) & (time[index] - time[index - 1] <= limit)
 
 
 def near_windows(observed: xr.Dataset, spans: np.ndarray) -> xr.Dataset:
@@ -135,32 +135,37 @@ def moved_orbits(aligned: xr.Dataset):
 
     An orbit in the frame of the Earth turns with it by what its tags are late. Beyond the record its ends stand.
     """
-    time, position = aligned["time"].values, aligned["position_i"].values
+    time, position = aligned["time"].values, np.array(aligned["position_i"].values)
     fixed = aligned.attrs.get("orbit") == "GNV1B"
-    R_ei = earth.R_ei(time) if fixed else None
-    position_e = np.matvec(R_ei, position) if fixed else None
+    R_ei = earth.R_ei(time) if fixed else np.zeros((0, 3, 3))
+    position_e = np.matvec(R_ei, position) if fixed else position
+    return lambda satellite, place, late: _moved(position[satellite], position_e[satellite], R_ei, place, late)
 
-    def at(satellite, place, late):
-        then = np.clip(place + late, 0, time.size - 1)
-        if not fixed or not late:
-            return position[satellite, then]
-        return np.matvec(np.swapaxes(R_ei[np.clip(place, 0, time.size - 1)], 1, 2), position_e[satellite, then])
 
-    return at
+@njit(cache=True)
+def _moved(position, position_e, R_ei, place, late):
+    """Positions (m, 3) of the records (n, 3) at some places (m,), turned from that of the Earth where R_ei is given."""
+    made, last = np.empty((place.size, 3)), len(position) - 1
+    for m in range(place.size):
+        here, then = min(max(place[m], 0), last), min(max(place[m] + late, 0), last)
+        for i in range(3):
+            made[m, i] = position[then, i]
+            if late and len(R_ei):
+                x, y, z = position_e[then, 0], position_e[then, 1], position_e[then, 2]
+                made[m, i] = R_ei[here, 0, i] * x + R_ei[here, 1, i] * y + R_ei[here, 2, i] * z
+    return made
 
 
 def _rates_left(aligned, moved, place):
     """Function (stream, s) -> (n,) m s-1 left of the range rate by the orbits, were the tags of the stream so late."""
     read = np.interp(aligned["time"].values[place], aligned["time_kbr"].values, aligned["reading_range_rate"].values)
 
-    @functools.lru_cache(16)  # lags one after the other share all but one of their orbits
-    def orbit(satellite, shift, late):
-        return moved(satellite, place + shift, late)
-
     def left(stream, late):
         of_all, *of_one = (late * (stream == k) for k in (0, 3, 4))
-        before, apart, after = (np.subtract(*(orbit(k, s - of_all, of_one[k]) for k in (1, 0))) for s in (-1, 0, 1))
-        return read - np.einsum("ni,ni->n", apart, (after - before) / 2) / np.linalg.norm(apart, axis=1)
+        epochs = (place + s - of_all for s in (-1, 0, 1))
+        before, apart, after = (moved(1, at, of_one[1]) - moved(0, at, of_one[0]) for at in epochs)
+        along = np.einsum("ni,ni->n", apart, after - before)
+        return read - along / np.sqrt(4 * np.einsum("ni,ni->n", apart, apart))
 
     return left
 

@@ -78,8 +78,9 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     result, found = _searched(observed, limits, model, before.calibration_change.before)
     if not found.adequate_after and found.p_after < before.p_after:
         return first
+    norms = {name: [before.norms.get(name, [last])[0], last] for name, (_, last) in found.norms.items()}
     known = {"p_before": before.p_before, "p_quiet_before": before.p_quiet_before, "tried": before.tried}
-    found = replace(found, adequate_before=before.adequate_before, **known)
+    found = replace(found, adequate_before=before.adequate_before, norms=norms, **known)
     return _product(observed, limits, result, found).assign_attrs(rebuilt="yes")
 
 
@@ -406,8 +407,7 @@ def dataset(result: Result, found: outcome.Outcome, channels: Sequence[str], rea
         "p_band_before": [r.p for r in rows],
         "p_band_after": [r.p for r in after.rows],
     }
-    made = _dataset(values | reading, channels=" ".join(names), blocks=", ".join(labels))
-    return tabled(made, found)
+    return tabled(_dataset(values | reading, channels=" ".join(names), blocks=", ".join(labels)), found)
 
 
 def summary(result: Result, choice: Choice, observed: Observations, waves=()) -> outcome.Outcome:
@@ -424,7 +424,9 @@ def summary(result: Result, choice: Choice, observed: Observations, waves=()) ->
     findings = [_named(result, k, choice, observed, waves) for k in range(len(result.findings))]
     left = _unexplained(after) if after.p < choice.level else outcome.Unexplained()
     moved = _change(result, observed), _gained(result)
-    named = result.outliers, findings, hidden, left, *moved, [*tried.values()], observed.expected
+    sizes = [np.linalg.norm(result.problem.size[result.problem.places[one.index]]) for one in result.findings]
+    norms = {f"{one.cause} {one.form}": [float(s)] * 2 for one, s in zip(findings, sizes, strict=True)}
+    named = result.outliers, findings, hidden, left, *moved, [*tried.values()], observed.expected, norms
     return outcome.Outcome(*adequate, *chances, *named)
 
 

@@ -318,8 +318,7 @@ class Search:
             if len(named) > 1:  # laws of those before, beside the new one
                 named = self._settled(named)
             self.grams = self.projected(named)
-        tried = len(self.causes) * len(self.laws(0))
-        return self._result(named, chance, tried)
+        return self._result(named, chance, len(self.causes) * len(self.laws(0)))
 
     def _settled(self, named):
         """Named laws with each of the others chosen again beside the rest."""

@@ -225,6 +225,7 @@ def side_by_side(parts: list[np.ndarray], groups) -> tuple[list[np.ndarray], np.
 TABLE = 1 << 21  # cosines that are made at once
 SHORTEST, NARROWEST = 32, 2  # samples of a stretch, bins of its spectrum, of the smallest tile of time and frequency
 LONGEST = {"tile": 50_000, "slow": 50_000, "chirp": 2048, "drift": 2048}  # samples of a block in which they are tried
+FAST = {"reassoc", "contract", "nnan"}  # what compiled sums may do
 FEWEST = 4.0  # degrees of freedom that the model leaves of a tile, to be looked at
 
 
@@ -257,9 +258,7 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
     for kind, made in (("tile", _tiles), ("slow", _slow), ("chirp", _chirps), ("drift", drifts)):
         best, count = (-np.inf,), 0
         most = np.full(rest[0].shape[1], -np.inf)
-        scales = made(series[0].shape[1]) if numbers and series[0].shape[1] <= LONGEST[kind] else []
-        for where, power in scales:
-            of_axes = [power(one) for one in series]
+        for spans, bands, of_axes in made(series) if numbers and series[0].shape[1] <= LONGEST[kind] else ():
             named = [*enumerate(of_axes if len(of_axes) > 1 else ()), (-1, sum(of_axes))]  # a channel may have one axis
             for axis, of_blocks in named:
                 apart = zip(numbers, of_blocks, strict=True) if kind in ("tile", "chirp") else ()
@@ -268,11 +267,12 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
                     count += int(np.sum(np.isfinite(score)))
                     if most[0] > best[0]:
                         place = int(score.argmax())
-                        best = most[0], axis, block, *where(place), each[place, 0] - 2 * each[place, 1:].mean()
+                        above = each[place, 0] - 2 * each[place, 1:].mean()
+                        best = most[0], axis, block, spans[place], bands[place], above
         if count and np.isfinite(best[0]):
             log_p = special.log_ndtr(-most) + np.log(count)
-            span, band = np.array(best[3]) * spacing, np.array(best[4]) / spacing
-            found.append(Excess(kind, channel, *best[1:3], tuple(span), tuple(band), log_p, float(best[5])))
+            span, band = tuple(best[3] * spacing), tuple(best[4] / spacing)
+            found.append(Excess(kind, channel, *best[1:3], span, band, log_p, float(best[5])))
     return found
 
 
@@ -316,7 +316,7 @@ def _series(blocks, rest, channel):
     return tuple(kept), [begins[k] for k in kept], spacing, series
 
 
-@njit(cache=True, fastmath={"reassoc", "contract", "nnan"})
+@njit(cache=True, fastmath=FAST)
 def _deviations(power, most):
     """Standard deviations (k,) by which the first column of power (k, d) is above that of all others.
 
@@ -346,71 +346,63 @@ def _deviations(power, most):
     return first
 
 
-def _tiles(count):
-    """Places and powers of the tiles of every length of stretch; spans and bands in samples and their inverse."""
-    parts = 1
+def _tiles(series):
+    """Tiles of every length of stretch: spans and bands (k, 2) in samples and their inverse, power of each axis."""
+    count, parts = series[0].shape[1], 1
     while count // parts >= SHORTEST:
         size = count // parts
         bins = (size - 1) // 2
         widths = [w for w in NARROWEST * 2 ** np.arange(20) if w <= bins]
-        edges = [(lo, lo + w) for w in widths for lo in range(0, bins - w + 1, max(w // 2, 1))]
-        yield partial(_tile, size, edges), partial(_tile_power, size, parts, np.array(edges))
+        edges = np.array([(lo, lo + w) for w in widths for lo in range(0, bins - w + 1, max(w // 2, 1))])
+        stretch, tile = np.divmod(np.arange(parts * len(edges)), len(edges))
+        of_axes = []
+        for one in series:
+            power = _power(one[:, : parts * size].reshape(len(one), parts, size, -1))
+            total = np.concatenate([np.zeros_like(power[:, :, :1]), np.cumsum(power, axis=2)], axis=2)
+            of_axes.append((total[:, :, edges[:, 1]] - total[:, :, edges[:, 0]]).reshape(len(one), -1, one.shape[2]))
+        yield size * np.stack([stretch, stretch + 1], axis=1), (edges[tile] + 1) / size, of_axes
         parts *= 2
 
 
-def _tile(size, edges, index):
-    """Span and band of a tile."""
-    part, (low, high) = index // len(edges), edges[index % len(edges)]
-    return (part * size, (part + 1) * size), ((low + 1) / size, (high + 1) / size)
+def _power(series):
+    """Power (..., f, d) of a number of unit variance for each degree of freedom, but for the mean and Nyquist."""
+    size = series.shape[-2]
+    spectrum = fft.rfft(series, axis=-2)[..., 1 : 1 + (size - 1) // 2, :]
+    return _squared(np.ascontiguousarray(spectrum), 2 / size, np.empty(spectrum.shape, "f4"))
 
 
-def _tile_power(size, parts, edges, series):
-    """Power (b, parts k, d) in tiles, that of a number of unit variance for each degree of freedom."""
-    cut = series[:, : parts * size].reshape(len(series), parts, size, -1)
-    power = np.abs(fft.rfft(cut, axis=2)[:, :, 1 : 1 + (size - 1) // 2]) ** 2 * (2 / size)
-    total = np.concatenate([np.zeros_like(power[:, :, :1]), np.cumsum(power, axis=2)], axis=2)
-    return (total[:, :, edges[:, 1]] - total[:, :, edges[:, 0]]).reshape(len(series), -1, series.shape[2])
-
-
-def _slow(count):
-    """Places and powers of the slow end of the spectrum."""
+def _slow(series):
+    """The slow end of the spectrum, as tiles."""
+    count = series[0].shape[1]
     bins = (count - 1) // 2
-    corners = [c for c in 2 ** np.arange(20) if c <= bins / 4]
-    weights = 1 / (1 + (np.arange(1, bins + 1) / np.array(corners)[:, None]) ** 2)
-    if corners:
-        yield lambda index: ((0, count), (1 / count, (1 + corners[index]) / count)), partial(_slow_power, weights)
+    corners = np.array([c for c in 2 ** np.arange(20) if c <= bins / 4])
+    if corners.size:
+        weights = 1 / (1 + (np.arange(1, bins + 1) / corners[:, None]) ** 2)
+        bands = np.stack([np.ones(corners.size), 1 + corners], axis=1) / count
+        of_axes = [np.einsum("kf,bfd->bkd", weights, _power(one), optimize=True) for one in series]
+        yield np.array([(0, count)] * corners.size), bands, of_axes
 
 
-def _slow_power(weights, series):
-    """Weighted power (b, k, d)."""
-    power = np.abs(fft.rfft(series, axis=1)[:, 1 : 1 + weights.shape[1]]) ** 2 * (2 / series.shape[1])
-    return np.einsum("kf,bfd->bkd", weights, power, optimize=True)
+def _chirps(series):
+    """Chirps of every rate, as tiles; the first and the last frequency are between zero and the largest.
 
-
-def _chirps(count):
-    """Places and powers of chirps of every rate; the first and the last frequency are between zero and the largest."""
-    turns, room = 0.25 * count, {}  # of a rate of half the band in half the time; ends apart by a quarter of a turn
+    A real series has the same power along a rate and its opposite at opposite frequencies: one spectrum gives both, of
+    a number of unit variance for each of the two degrees of freedom.
+    """
+    count, room = series[0].shape[1], {}
+    turns = 0.25 * count  # of a rate of half the band in half the time; ends apart by a quarter of a turn
     for step in range(1, int(turns / 2) + 1):
         rate = 4 * step / count**2
-        middle = np.arange(count) / count
-        kept = np.flatnonzero((middle > rate * count / 2) & (middle < 0.5 - rate * count / 2))
+        middle, sweep = np.arange(count) / count, rate * count / 2
+        kept = np.flatnonzero((middle > sweep) & (middle < 0.5 - sweep))
         if kept.size:
-            yield partial(_chirp, count, kept, rate), partial(_chirp_power, kept, rate, room)
-
-
-def _chirp(count, kept, rate, index):
-    """Span and band of a chirp, of those that rise first."""
-    middle, sweep = kept[index % kept.size] / count, (rate if index < kept.size else -rate) * count / 2
-    return (0, count), (middle - sweep, middle + sweep)
-
-
-def _chirp_power(kept, rate, room, series):
-    """Power (b, 2 k, d) along chirps, that of a number of unit variance for each of the two degrees of freedom.
-
-    A real series has the same power along a rate and its opposite at opposite frequencies: one spectrum gives both.
-    """
-    power, low, high = _turned(series, rate, room), kept[0], kept[-1] + 1
-    return np.concatenate([power[:, low:high], power[:, 1 - high : 1 - low or None][:, ::-1]], axis=1)
+            low, high, of_axes = kept[0], kept[-1] + 1, []
+            for one in series:
+                power = _turned(one, rate, room)
+                both = power[:, low:high], power[:, 1 - high : 1 - low or None][:, ::-1]
+                of_axes.append(np.concatenate(both, axis=1))
+            rising = middle[kept, None] + [-sweep, sweep]
+            yield np.array([(0, count)] * 2 * kept.size), np.concatenate([rising, rising[:, ::-1]]), of_axes
 
 
 def _turned(series, rate, room):
@@ -419,39 +411,43 @@ def _turned(series, rate, room):
         room[series.shape] = np.empty(series.shape, "c8"), np.empty(series.shape, "f4")
     turned, power = room[series.shape]
     away = np.arange(series.shape[1]) - series.shape[1] / 2
-    turn = np.exp(-1j * np.pi * rate * away**2).astype("c8")[:, None]
-    spectrum = fft.fft(np.multiply(series, turn, out=turned), axis=1, overwrite_x=True)
-    np.square(np.abs(spectrum, out=power), out=power)
-    return np.multiply(power, np.float32(2 / series.shape[1]), out=power)
+    _multiply(series, np.exp(-1j * np.pi * rate * away**2).astype("c8"), turned)
+    return _squared(fft.fft(turned, axis=1, overwrite_x=True), 2 / series.shape[1], power)
 
 
-def _drifts(begins, spacing, count):
-    """Places and powers of lines whose frequency drifts by two bins or more between the first and the last block."""
+@njit(cache=True, fastmath=FAST)
+def _multiply(series, turn, out):
+    """Series (b, n, d) times a complex number (n,) at each epoch."""
+    for i, k in np.ndindex(series.shape[:2]):
+        for j in range(series.shape[2]):
+            out[i, k, j] = series[i, k, j] * turn[k]
+
+
+@njit(cache=True, fastmath=FAST)
+def _squared(spectrum, factor, power):
+    """Squares (...) of complex numbers times a factor, written to power."""
+    source, target, scale = spectrum.reshape(-1), power.reshape(-1), np.float32(factor)
+    for k in range(source.size):
+        target[k] = scale * (source[k].real ** 2 + source[k].imag ** 2)
+    return power
+
+
+def _drifts(begins, spacing, series):
+    """Lines whose frequency drifts by two bins or more between the first and the last block, as tiles.
+
+    Each block is turned as the line drifts there.
+    """
+    count, rooms = series[0].shape[1], [{} for _ in series]
     away = (begins - np.mean([begins.min(), begins.max()])) / spacing if len(begins) > 2 else np.zeros(1)
-    half, memory, room = away.max(), {}, {}
+    half, last, turned = away.max(), None, []
     for ends in range(-(count // 4), count // 4 + 1) if half > 0 else ():
         shift = np.rint(ends * away / half).astype(int)
         kept = np.arange(1 + abs(ends), (count - 1) // 2 - abs(ends))
         if abs(ends) > 1 and kept.size:
             step = round(ends / half * count / 4)
-            turning = step, 4 * step / count**2, room
-            place = partial(_drift, count, kept, ends * (1 + count / (2 * half)))
-            yield place, partial(_drift_power, kept, shift, turning, memory)
-
-
-def _drift(count, kept, ends, index):
-    """Span and band of a drifting line."""
-    return (0, count), ((kept[index] - ends) / count, (kept[index] + ends) / count)
-
-
-def _drift_power(kept, shift, turning, memory, series):
-    """Power (b, k, d) in the blocks along a drifting line, turned in each as it drifts there."""
-    step, *turn = turning
-    if memory.get("step") != step:
-        memory.clear()
-        memory["step"] = step
-    if id(series) not in memory:
-        count = series.shape[1]
-        memory[id(series)] = _turned(series, *turn)[:, : count // 2].copy()
-    low, high = kept[0], kept[-1] + 1
-    return np.stack([one[low + move : high + move] for one, move in zip(memory[id(series)], shift, strict=True)])
+            if step != last:
+                turned = [_turned(one, 4 * step / count**2, room) for one, room in zip(series, rooms, strict=True)]
+            low, high, last = kept[0], kept[-1] + 1, step
+            far = ends * (1 + count / (2 * half))
+            moved = ([row[low + m : high + m] for row, m in zip(one, shift, strict=True)] for one in turned)
+            yield np.array([(0, count)] * kept.size), (kept[:, None] + [-far, far]) / count, [*map(np.stack, moved)]

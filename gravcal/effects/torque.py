@@ -27,8 +27,7 @@ def _lag(context: Context, values):
     if values[0] <= 0:
         return np.zeros_like(context.dipole_b)
     held = np.concatenate([context.dipole_b[:1], context.dipole_b[:-1]]).astype(float)  # from the epoch before on
-    followed = [lagged(context.time, one.copy(), values[0]) for one in held.T]
-    return np.stack(followed, axis=1) - context.dipole_b
+    return np.stack([lagged(context.time, one.copy(), values[0]) for one in held.T], axis=1) - context.dipole_b
 
 
 def lag_missing(edges: np.ndarray, dipole_b: np.ndarray, tau: float) -> tuple[np.ndarray, np.ndarray]:

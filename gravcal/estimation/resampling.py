@@ -21,8 +21,7 @@ class Resampler:
         """Samples (n, ...) at the input epochs through the operator, (m, ...) in the same unit; NaN where not valid."""
         columns = np.asarray(columns, dtype=float)
         flat = np.ascontiguousarray(columns.reshape(columns.shape[0], -1))
-        out = _applied(self.start, self.weights, self.valid, flat)
-        return out.reshape(self.time.shape + columns.shape[1:])
+        return _applied(self.start, self.weights, self.valid, flat).reshape(self.time.shape + columns.shape[1:])
 
 
 def lowpass_resampler(

@@ -23,6 +23,7 @@ from gravcal.store.results import units
 
 WORDS = pages.words(__file__, "discovery.toml", cause=words.title, units=units)
 WIDE = 3.0  # sigma of a result that contradicts nothing
+REFORMED = 0.2  # of the norm of its columns, by which taking an effect out may change them: first order holds no more
 STYLES = WORDS.styles
 LINES, NOISE = STYLES["lines"], STYLES["noise"]
 SIDES = ("measured", "simulated", "extended")
@@ -89,8 +90,11 @@ def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
                 known, limit = outcome.expected[name]
                 off = abs(value - known), max(limit, WIDE * sigma)
                 checks.append(at_most(f"{name} against the catalogue", *off, unit))
+        for name, (first, last) in outcome.norms.items():
+            share = abs(last / first - 1)
+            checks += [at_most(f"share of second order in {name.strip()}", share, REFORMED, "1")] if share else []
         outcome = replace(outcome, calibration_change=change)
-        body = {name: one for name, one in tables_of(outcome).items() if name not in ("readings", "expected")}
+        body = {name: one for name, one in tables_of(outcome).items() if name not in ("readings", "expected", "norms")}
         body["calibration_change"] |= {"joint_fit": tables_of(joint)} if combined else {}
     status = "delivered" if outcome else "no_manoeuvre"
     body = {"status": status, "kind": "discovery", "verdict": {"text": words.verdict(outcome)}} | body

@@ -123,8 +123,7 @@ class Words:
 
     def said(self, name: str, /, **values) -> list[str]:
         """Texts in the list of this name, without those that say nothing of these values."""
-        texts = (self.forms.from_string(text).render(values) for text in self.notes[name])
-        return [text for text in texts if text]
+        return [text for text in (self.forms.from_string(text).render(values) for text in self.notes[name]) if text]
 
 
 def _records(given):

@@ -241,8 +241,7 @@ def _steps(span, epochs, scene, satellite, chosen, rng):
         amplitude = one.share * satellite["torquer_full_scale"] * scene.dipole_per_current[one.rod]
         dipole[inside, one.rod] = np.where(phase % 2 == 0, 1, -1) * amplitude
         wave |= inside
-    updates = np.isin(begin, control)
-    return flight.Steps(bound, updates, wave, dipole)
+    return flight.Steps(bound, np.isin(begin, control), wave, dipole)
 
 
 def _motion(steps, around, scene, states, control, added):

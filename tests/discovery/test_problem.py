@@ -66,8 +66,7 @@ def test_columns_along_own_ones_are_gone_and_not_rounding(made):
     assert np.all(wider[:, -1] == 0)
     assert_allclose(wider[:9, :9], columns.products(), atol=0)
     squares = np.append(np.zeros(9), 1e20)
-    products = np.full((10, 10), 1e3)
-    assert np.count_nonzero(without_rounding(products, squares)) == 81
+    assert np.count_nonzero(without_rounding(np.full((10, 10), 1e3), squares)) == 81
 
 
 def test_a_driver_that_the_calibration_has_not_is_an_error():

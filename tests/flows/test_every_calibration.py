@@ -444,8 +444,7 @@ def test_a_report_begins_with_its_verdict_and_its_numbers_can_be_traced(level_on
     page = (folder / "report.html").read_text()
     body = page.partition("<main>")[2].lstrip()
     assert re.match(r'<p class="origin">Simulated data: [^<]*</p>\s*<p class="verdict', body)
-    style = (resources.files("gravcal.report") / "report.css").read_text()
-    assert style.strip() in page
+    assert (resources.files("gravcal.report") / "report.css").read_text().strip() in page
     assert "<script" not in page
     assert not re.findall(r"""(?:src|href)=["'](?!data:|#|https://doi\.org)[^"']+""", page)
     assert all("alt=" in tag for tag in re.findall(r"<img[^>]*>", page))

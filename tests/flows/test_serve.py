@@ -345,8 +345,7 @@ def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environmen
     process.communicate()
     assert running == {"fake-1": "Running"}
     process, url = begin(environment, events)
-    again = server.ask(url, f"/flow_runs/{run['id']}")
-    assert again["state"]["name"] == "Crashed"
+    assert server.ask(url, f"/flow_runs/{run['id']}")["state"]["name"] == "Crashed"
     crashed = {"fake-1": "Crashed"}
     assert states(url, run, crashed) == crashed
     assert finished(url, events, 2)[0]["state"]["name"] == "Delivered"

@@ -122,8 +122,7 @@ def _by_interval(table, rows):
 
 def _design(operator, table):
     """Derivative (pieces, epochs, 3, 18) of observed vectors by the active splines of their knot interval."""
-    by_spline = np.einsum("ndri,dnj->nrji", operator, table.values)
-    return _by_interval(table, by_spline.reshape(len(operator), 3, WIDTH))
+    return _by_interval(table, np.einsum("ndri,dnj->nrji", operator, table.values).reshape(len(operator), 3, WIDTH))
 
 
 def normal(blocks, table):

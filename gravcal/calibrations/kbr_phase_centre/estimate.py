@@ -156,8 +156,7 @@ def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: i
 
 def of_manoeuvres(equations: xr.Dataset) -> list[np.ndarray]:
     """Places of the observations of each manoeuvre."""
-    number = equations["arc"].values
-    return [np.flatnonzero(number == k) for k in range(equations.sizes["manoeuvre"])]
+    return [np.flatnonzero(equations["arc"].values == k) for k in range(equations.sizes["manoeuvre"])]
 
 
 def published_arcs(equations: xr.Dataset, derivative: int, trim_s: float) -> list[Arc]:
@@ -313,8 +312,7 @@ def with_model_error(
     One moved "kbr_phase_centre.combine" for each direction of the model's errors; added as of `schemas.widened`.
     """
     new = widened(combined, moved, {"centre": ("covariance",)}, added)
-    known = _determined(new["covariance"], determined_limit_mm).astype("u1")
-    return replaced(combined, new | {"determined": known})
+    return replaced(combined, new | {"determined": _determined(new["covariance"], determined_limit_mm).astype("u1")})
 
 
 def _determined(covariance, limit_mm):

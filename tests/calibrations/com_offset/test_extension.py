@@ -110,8 +110,7 @@ def test_a_step_of_every_manoeuvre_is_in_the_model_as_it_was_in_the_search(movin
     entry = found.physical(entry, Fitted(candidate, np.array([1e-9, -2e-9, 3e-9]), np.full(3, 1e-12), [], []))
     for rows, part in zip(found.response(entry), columns, strict=False):
         np.testing.assert_allclose(rows, part @ [1e-9, -2e-9, 3e-9], atol=1e-9)
-    unknown = replace(entry, leads=entry.leads[:1])
-    assert not found.response(unknown)[1].any()
+    assert not found.response(replace(entry, leads=entry.leads[:1]))[1].any()
 
 
 RNG_LEVEL = 1e-5  # a mean square of 1000 draws 0.9 +- 0.04 below 1.1

@@ -46,8 +46,7 @@ def test_a_run_delivers_document_and_page_and_is_reused(tmp_path):
     assert document["drag"]["one_sensor_published"]["rms_error"] > 1e-10
     assert document["identifiability"]["rank"] == 6
     assert "gains nothing" in document["verdict"]["text"]
-    page = (ref.folder / "report.html").read_text()
-    assert page.count("data:image/svg") == 5
+    assert (ref.folder / "report.html").read_text().count("data:image/svg") == 5
     steps, again = engine.plan(flow.calibrate, source, chosen.with_settings(settings))
     assert again == ref
     assert {step.action for step in steps} == {"reuse"}
