@@ -21,7 +21,8 @@ UNSEEN += ("test_docs_commands.py", "test_measured.py", "test_recovery.py")
 
 def pytest_collection_modifyitems(items):
     """Long files first; skipped is what needs a folder beside the project where it is not, data or that of the mark."""
-    items.sort(key=lambda item: item.path.name not in ("test_recovery.py", "test_wheel.py", "test_fuzz.py"))
+    long = "test_docs.py", "test_docs_commands.py", "test_fuzz.py", "test_recovery.py", "test_serve.py", "test_wheel.py"
+    items.sort(key=lambda item: item.path.name not in long)
     for item in items:
         for mark in item.iter_markers("measured"):
             folder = SHARED.joinpath(*(mark.args or ("data",)))

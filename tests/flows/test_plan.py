@@ -82,8 +82,7 @@ def test_a_changed_data_file_is_named(pipeline):
     for name, text in changes.items():
         (pipeline.folder / name).write_text(text)
         keys.forget()
-        found = plan(pipeline)
-        assert found["start"] == ("run", f"data changed: {pipeline.name}/{name}")
+        assert plan(pipeline)["start"] == ("run", f"data changed: {pipeline.name}/{name}")
         assert pipeline.run()[0][0] == "start"
     (pipeline.folder / "other.dat").write_text("6")
     keys.forget()
