@@ -424,8 +424,9 @@ def summary(result: Result, choice: Choice, observed: Observations, waves=()) ->
     findings = [_named(result, k, choice, observed, waves) for k in range(len(result.findings))]
     left = _unexplained(after) if after.p < choice.level else outcome.Unexplained()
     moved = _change(result, observed), _gained(result)
-    sizes = [np.linalg.norm(result.problem.size[result.problem.places[one.index]]) for one in result.findings]
-    norms = {f"{one.cause} {one.form}": [float(s)] * 2 for one, s in zip(findings, sizes, strict=True)}
+    square, places = np.diag(result.problem.total), [result.problem.places[one.index] for one in result.findings]
+    sizes = (float(np.sqrt(square[place].sum())) for place in places)
+    norms = {f"{one.cause} {one.form}": [size] * 2 for one, size in zip(findings, sizes, strict=True)}
     named = result.outliers, findings, hidden, left, *moved, [*tried.values()], observed.expected, norms
     return outcome.Outcome(*adequate, *chances, *named)
 

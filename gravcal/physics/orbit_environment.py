@@ -24,8 +24,7 @@ def sun_i(time_gps):
 def sunlit(position_i, sun):
     """True (n,) where positions (n, 3) m are outside the cylinder of the Earth's shadow, the Sun at (n, 3)."""
     along = np.sum(position_i * sun, axis=-1)
-    across = np.linalg.norm(position_i - along[..., None] * sun, axis=-1)
-    return (along > 0) | (across > EARTH_RADIUS)
+    return (along > 0) | (np.linalg.norm(position_i - along[..., None] * sun, axis=-1) > EARTH_RADIUS)
 
 
 def argument_of_latitude(position_i: np.ndarray, normal_i: np.ndarray) -> np.ndarray:

@@ -266,8 +266,7 @@ def _rms(values):
     """Root mean square of each method, of what is there; NaN where nothing is."""
     known = np.isfinite(values)
     count = known.sum(axis=(1, 2))
-    total = np.sum(values**2, axis=(1, 2), where=known)
-    return np.sqrt(np.where(count > 0, total, np.nan) / np.maximum(count, 1))
+    return np.sqrt(np.where(count > 0, np.sum(values**2, axis=(1, 2), where=known), np.nan) / np.maximum(count, 1))
 
 
 def _arc(modelled, found, epochs, spacing, satellite):
