@@ -41,7 +41,7 @@ def test_nothing_is_named_on_clean_data(rng, tmp_path, apart):
 
     def draw(seed, folder):
         found = discovered(folder, seed, {}, noise_change=apart)
-        wrong = causes(found) or (apart and not found["adequate_before"])
+        wrong = causes(found) or (apart and not found["adequate_before"]) or any(folder.rglob("model.toml"))
         return f"seed {seed}: {causes(found)}, p {found['p_before']}" if wrong else None
 
     clean(draw, rng, tmp_path)

@@ -186,7 +186,8 @@ def test_units_show_the_misprints_of_equation_15_and_a_force_enters_with_a_minus
     assert np.any(q_h + angular != angular)
     a_ng, a_par, b, k = 3e-8, 2e-9, 1e-5, 5e-4
     f = a_ng - a_par
-    assert k * (f - b) / k == pytest.approx(-b + a_ng - a_par)
+    volts = (f - b) / k
+    assert k * volts == pytest.approx(-b + a_ng - a_par)
 
 
 def test_errors_of_two_scale_factors_look_swapped():

@@ -141,7 +141,6 @@ def test_an_effect_that_taking_out_makes_another_is_beyond_first_order():
     for last, status in ((0.7, "questionable"), (0.9, "delivered"), (1.0, "delivered")):
         norms = {"inertial_sensor.quadratic z alone": (1.0, last)}
         product = tabled(xr.Dataset(), outcome(finding("inertial_sensor.quadratic", z=(15.0, 0.5, "V-1")), norms=norms))
-        about = {"calibration": "inertial_sensor", "event": "taiji", "settings": {}, "reported": None}
-        document, _ = discovery.judged(product, **about)
+        document, _ = discovery.judged(product, calibration="inertial_sensor", event="t", settings={}, reported=None)
         assert (document["status"], len(document["checks"])) == (status, int(last < 1))
         assert ("share of second order in inertial_sensor.quadratic z" in document["verdict"]["text"]) == (last == 0.7)
