@@ -267,8 +267,7 @@ class Place:
     def observed(self, source, plan):
         """What discovery sees of a flight of a plan, and the products of the calibration."""
         looked, chosen = self.one.discovery, self.chosen(plan)
-        products = looked.baseline(source, chosen)
-        datasets = {name: read(ref) for name, ref in products.items()}
+        datasets = {name: read(ref) for name, ref in looked.baseline(source, chosen).items()}
         settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
         return discovery.observations_of(datasets.values(), looked.observations, datasets, settings), datasets
 

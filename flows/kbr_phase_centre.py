@@ -182,6 +182,7 @@ DISCOVERY = Discovery(
     scene_settings,
     "gravcal.calibrations.kbr_phase_centre.observations",
     records=aligned_records,
+    again=1,
     products=of_range,
     result=lambda source, chosen, aligned, *given: _solved(source, chosen, aligned, OBSERVABLES, *given)[-1],
 )

@@ -285,8 +285,7 @@ def table(heads, rows):
         ]
         texts[-1] = texts[-1].rstrip()
         if painted:  # in bold or the colour of its word
-            colours = [COLOURS.get(text.strip()) for text in texts]
-            pairs = zip(texts, colours, strict=True)
+            pairs = zip(texts, [COLOURS.get(text.strip()) for text in texts], strict=True)
             texts = [typer.style(t, fg=c, bold=count == 0) if c or count == 0 else t for t, c in pairs]
         say("  ".join(texts).rstrip())
 

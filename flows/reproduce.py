@@ -92,8 +92,7 @@ def _run(one, paper, run, folder, satellite, date, out=None):
     settings += [f"truth={truth}"] if truth and truth.is_file() else []  # series of a simulated day
     name = run if run == "as_printed" and paper["as_printed"] else None
     chosen = configurations.record(command.configured(one.name, settings, None, name))
-    source = command.source(one.name, None, folder, satellite, date)
-    ref = command.made(one.flow, source, chosen, "inline")
+    ref = command.made(one.flow, command.source(one.name, None, folder, satellite, date), chosen, "inline")
     document = one.document(ref)
     if document["status"] not in ("delivered", "questionable"):
         wanted = "a result. See its report, and try another archive."

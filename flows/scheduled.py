@@ -48,8 +48,7 @@ def reprocess_all(
     if prune_days is not None or quota_gb is not None:
         limits = ((prune_days, 86400), (quota_gb, 1e9))
         age, quota = (None if value is None else value * scale for value, scale in limits)
-        gone = housekeeping.prune(age, True, quota)
-        said = housekeeping.said(gone, True, quota_gb)
+        said = housekeeping.said(housekeeping.prune(age, True, quota), True, quota_gb)
         create_markdown_artifact(said, key="store", description="What was removed from the store")
     return state
 

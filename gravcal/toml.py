@@ -7,8 +7,7 @@ import tomli_w
 
 def text(content: Mapping, comment: str = "") -> str:
     """File of values, tables and lists of tables below comments; what is None or empty is left out."""
-    head = "".join(f"# {line}\n" for line in comment.splitlines())
-    return head + tomli_w.dumps(_known(content))
+    return "".join(f"# {line}\n" for line in comment.splitlines()) + tomli_w.dumps(_known(content))
 
 
 def _known(item):

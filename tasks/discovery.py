@@ -29,13 +29,13 @@ ANY_PRODUCT, RESULTS = ["*"], ["*.discovery", "*.combine|*.drag"]
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=28, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=29, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
     return driver.discover(observations_of(products, observations, names, settings), _limits(limits))
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=28, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=29, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
     observed = observations_of(products, observations, names, settings)
@@ -57,7 +57,7 @@ def limits(found, *products, calibration, observations, names, settings, **limit
     return driver.with_limits(found, observations_of(given, observations, names, settings), _limits(limits), say)
 
 
-@stage(reads=ANY_PRODUCT, writes="{records}", version=3, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{records}", version=4, also=["{observations}"])
 def extend(*products, records, observations, names, model, settings):
     """Records without the effects of an extended model."""
     observed, given = observations_of(products, observations, names, settings), entries(json.loads(model))
@@ -65,14 +65,14 @@ def extend(*products, records, observations, names, model, settings):
     return _without(observed, products, records, names, given)
 
 
-@stage(reads=ANY_PRODUCT, writes="{records}", version=4, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{records}", version=5, also=["{observations}"])
 def extend_by(found, *products, records, observations, names, settings, tentative):
     """Records without what was found in them; what is not adopted is taken out tentatively only."""
     model = _model(found, tentative)
     return _without(observations_of(products, observations, names, settings), products, records, names, model)
 
 
-@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=9, also=["{observations}"])
+@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=10, also=["{observations}"])
 def report(found, *combined, calibration, observations, event, satellite, settings, records):
     """Document, page and extended model; with results before, after, and before with what a model adds, if any."""
     named = {"calibration": calibration, "event": event, "satellite": satellite, "records": records}

@@ -64,8 +64,7 @@ class Stage:
         known = getattr(sys.modules.get("xarray"), "Dataset", None)  # not imported: another thread may be about to
         if items and known and all(isinstance(item, known) for item in items):
             return self.body(*items, **settings)
-        engine = _engine.get() or inline
-        return engine(call_of(self, items, settings))
+        return (_engine.get() or inline)(call_of(self, items, settings))
 
     @property
     def name(self):

@@ -187,8 +187,7 @@ def remake(entry):
 def _make(key, original, stages, done):
     if key in done:
         return done[key]
-    folder = original / "objects" / key[:2] / key
-    record = store.read_record(folder)
+    record = store.read_record(original / "objects" / key[:2] / key)
     if record is None:
         refuse(f"product {key[:12]}", f"that its record is no longer in {original}", "it", "Run its event again.")
     items = [

@@ -123,8 +123,7 @@ def _alone(values, limit, width):
         groups.append(near[left[near] > NEAR])
         left = left.copy()
         left[near] = 0.0
-    alone = len(groups) <= MOST and np.sum(left > (NEAR + limit) / 2) <= MOST
-    return groups if alone else []
+    return groups if len(groups) <= MOST and np.sum(left > (NEAR + limit) / 2) <= MOST else []
 
 
 def _explained(problem, baseline, rest, number, group, limit):

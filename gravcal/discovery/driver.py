@@ -78,9 +78,8 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     result, found = _searched(observed, limits, model, before.calibration_change.before)
     if not found.adequate_after and found.p_after < before.p_after:
         return first
-    norms = {name: [before.norms.get(name, [last])[0], last] for name, (_, last) in found.norms.items()}
     known = {"p_before": before.p_before, "p_quiet_before": before.p_quiet_before, "tried": before.tried}
-    found = replace(found, adequate_before=before.adequate_before, norms=norms, **known)
+    found = replace(found, adequate_before=before.adequate_before, **known)
     return _product(observed, limits, result, found).assign_attrs(rebuilt="yes")
 
 
@@ -424,10 +423,7 @@ def summary(result: Result, choice: Choice, observed: Observations, waves=()) ->
     findings = [_named(result, k, choice, observed, waves) for k in range(len(result.findings))]
     left = _unexplained(after) if after.p < choice.level else outcome.Unexplained()
     moved = _change(result, observed), _gained(result)
-    square, places = np.diag(result.problem.total), [result.problem.places[one.index] for one in result.findings]
-    sizes = (float(np.sqrt(square[place].sum())) for place in places)
-    norms = {f"{one.cause} {one.form}": [size] * 2 for one, size in zip(findings, sizes, strict=True)}
-    named = result.outliers, findings, hidden, left, *moved, [*tried.values()], observed.expected, norms
+    named = result.outliers, findings, hidden, left, *moved, [*tried.values()], observed.expected
     return outcome.Outcome(*adequate, *chances, *named)
 
 

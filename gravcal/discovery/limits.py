@@ -177,8 +177,7 @@ def _confirmed(problem, choice, row, at, candidates):
         size = factor * row.size
         parts = zip(problem.blocks, problem.candidates[index].columns, strict=True)
         blocks = [b if c is None else replace(b, observed=b.observed + size * c[:, column]) for b, c in parts]
-        again = replace(prepare(blocks, candidates), memory=problem.memory)
-        named = rounds.names(again, choice)
+        named = rounds.names(replace(prepare(blocks, candidates), memory=problem.memory), choice)
         if any(row.cause in one and len(one) <= LARGEST_SET for one in named):
             at = {"size": size, "signal_to_noise": factor * row.signal_to_noise}
             return replace(row, confirmed=True, confused_with=sorted(confused), **at)

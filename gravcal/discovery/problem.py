@@ -181,8 +181,7 @@ class Problem:
 
 def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:
     """Problem of blocks and candidates."""
-    width = blocks[0].global_columns.shape[1]
-    widths = [1, width, *(len(c.names) for c in candidates)]
+    widths = [1, blocks[0].global_columns.shape[1], *(len(c.names) for c in candidates)]
     ends = np.cumsum(widths)[1:]
     places = [slice(int(a), int(b)) for a, b in zip(ends[:-1], ends[1:], strict=True)]
     columns, samples, gram = [], [], np.empty((len(blocks), ends[-1], ends[-1]))

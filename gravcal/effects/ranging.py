@@ -88,11 +88,14 @@ law("phase_centre_curvature", _SQUARE, _PLANES)(
 _TURN = each(_PLACES, "rad", "error of the attitude, {0},", 3e-4)
 
 
-@law("star_camera_misalignment", _TURN, "arm of the antenna times the angle")
+@law("star_camera_misalignment", _TURN, "arm of the antenna turned by the angle", linear=False)
 def _mounting(context: Context, values):
-    """Star cameras turned: the arm x of the antenna is seen along y and z, R_A c_A moves by v x c."""
-    levers = context.extra["line_of_sight_b"][:, :, [2, 1]] * [-1.0, 1.0] * context.extra["antenna_x"][:, None]
-    return -levers.reshape(-1, 4) @ np.asarray(values)
+    """Star cameras turned by v = (0, pitch, yaw): R_A c_A moves by v x c and its second order, exact as v is across."""
+    turn = np.reshape(values, (2, 2))
+    size = np.linalg.norm(turn, axis=1)
+    across = np.sinc(size / np.pi)[:, None] * turn[:, ::-1] * [1.0, -1.0]
+    moved = context.extra["antenna_x"][:, None] * np.column_stack([np.cos(size) - 1, across])
+    return -np.einsum("nka,ka->n", context.extra["line_of_sight_b"], moved)
 
 
 def _orbit(cycles):

@@ -73,6 +73,5 @@ def operator(crn: Crn, derivative: int, good: np.ndarray, grid: tuple[float, flo
     inside = (place >= 0) & (place + taps.size <= good.size) & (np.abs((at - first) / step % 1 - 0.5) > 0.499)
     start = np.where(inside, place, 0)
     missing = np.concatenate([[0], np.cumsum(~good)])
-    stop = np.minimum(start + taps.size, good.size)
-    valid = inside & (missing[stop] == missing[start])
+    valid = inside & (missing[np.minimum(start + taps.size, good.size)] == missing[start])
     return Resampler(at, start, np.broadcast_to(taps, (at.size, taps.size)), valid)

@@ -513,8 +513,7 @@ def without_lines(segments: list[np.ndarray], step_s: float) -> tuple[list[np.nd
     Segments (n_i, axes) are even, NaN where missing; with them come axis and frequency in Hz of every line.
     """
     cleaned, found = [s.copy() for s in segments], []
-    length = int(np.median([np.isfinite(s[:, 0]).sum() for s in segments]))
-    parts = next_fast_len(2 * length, real=True)
+    parts = next_fast_len(2 * int(np.median([np.isfinite(s[:, 0]).sum() for s in segments])), real=True)
     lowest, highest = int(np.ceil(LOWEST_HZ * parts * step_s)), int(0.48 * parts)
     for axis in range(segments[0].shape[1]):
         for _ in range(LINE_LIMIT):

@@ -204,7 +204,6 @@ class Outcome:
     gain: Gain
     tried: Sequence[Tried]
     expected: Mapping[str, Numbers]  #: {parameter: value, largest distance from it}
-    norms: Mapping[str, Numbers]  #: {finding: of what it adds in the first search and in the last}
     weighed: Sequence[Weighed] = ()
     limits: Sequence[Limit] | None = None  #: None where they were not looked for
     readings: Readings | None = None

@@ -53,8 +53,7 @@ def solve(observed: np.ndarray, design: np.ndarray, constants: tuple[float, floa
     psi = weight * v
     ahead, behind = (w * igg3_weights(w, *constants) for w in (v + step, v - step))
     slope = np.mean(ahead - behind) / (2 * step)
-    share = residual.size / max(residual.size - unknowns, 1)
-    variance = scale**2 * np.mean(psi**2) / slope**2 * share
+    variance = scale**2 * np.mean(psi**2) / slope**2 * (residual.size / max(residual.size - unknowns, 1))
     formal = np.sum(weight * residual**2) / max(residual.size - unknowns, 1)
     ratio = np.sqrt(formal / variance * np.trace(normal) / max(np.trace(weighted @ design), 1e-300))
     return RobustEstimate(value, normal / variance, weight, scale, float(ratio))

@@ -106,13 +106,11 @@ def converted(tags: Tags, clock: Clock, gap_s: float, reach_s: float, jump_s: fl
 def _reachable(clock, gap_s, jump_s):
     """Whether the clock may be followed from each knot to the next."""
     steps = np.diff(clock.second)
-    foretold = clock.offset[:-1] + clock.drift[:-1] * steps
-    steady = np.abs(clock.offset[1:] - foretold) <= jump_s
+    steady = np.abs(clock.offset[1:] - (clock.offset[:-1] + clock.drift[:-1] * steps)) <= jump_s
     flagged = clock.ends[:-1] | clock.starts[1:]
     unexplained = (steps == 0) & ~flagged  # two offsets at one second, and nothing says which holds
     doubtful = np.append(unexplained, False) | np.insert(unexplained, 0, False)
-    clear = ~(doubtful[:-1] | doubtful[1:])
-    return np.append((steps <= gap_s) & steady & ~flagged & clear, False)
+    return np.append((steps <= gap_s) & steady & ~flagged & ~(doubtful[:-1] | doubtful[1:]), False)
 
 
 def ordered(tags: Tags, values=()) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:

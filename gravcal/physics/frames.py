@@ -69,8 +69,7 @@ def flight_frame(state_i):
 def continuous(quaternion):
     """The same attitudes (n, 4), scalar first, with signs such that neighbours are close: q and -q are one attitude."""
     q = check_shape("continuous", quaternion, (None, 4))
-    flips = np.einsum("ij,ij->i", q[1:], q[:-1]) < 0
-    sign = np.where(np.cumsum(flips) % 2, -1.0, 1.0)
+    sign = np.where(np.cumsum(np.einsum("ij,ij->i", q[1:], q[:-1]) < 0) % 2, -1.0, 1.0)
     return np.concatenate([q[:1], q[1:] * sign[:, None]])
 
 

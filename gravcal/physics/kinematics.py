@@ -35,8 +35,7 @@ def rates_from_attitude(time, quaternion, half_width=2, degree=4):
     if not (2 <= degree < width <= time.size == len(q)):
         found = f"{time.size} epochs, {len(q)} attitudes, half_width {half_width}, degree {degree}"
         refuse("rates_from_attitude", found, "2 <= degree < 2 half_width + 1 <= epochs", "Widen the arc.")
-    first = np.clip(np.arange(time.size) - half_width, 0, time.size - width)
-    window = first[:, None] + np.arange(width)
+    window = np.clip(np.arange(time.size) - half_width, 0, time.size - width)[:, None] + np.arange(width)
     angle = frames.rotation_vector(frames.quaternion_product(frames.conjugate(q)[:, None], q[window]))
     lag = time[window] - time[:, None]
     scale = np.abs(lag).max(axis=1)[:, None]

@@ -23,9 +23,6 @@ from gravcal.store.results import units
 
 WORDS = pages.words(__file__, "discovery.toml", cause=words.title, units=units)
 WIDE = 3.0  # sigma of a result that contradicts nothing
-#: Effects whose columns are squares of the reading that they bend, and the share of the norm of these by which taking
-#: one out may change them: first order holds no more beyond.
-BENDING, REFORMED = ".quadratic", 0.2
 STYLES = WORDS.styles
 LINES, NOISE = STYLES["lines"], STYLES["noise"]
 SIDES = ("measured", "simulated", "extended")
@@ -92,11 +89,8 @@ def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
                 known, limit = outcome.expected[name]
                 off = abs(value - known), max(limit, WIDE * sigma)
                 checks.append(at_most(f"{name} against the catalogue", *off, unit))
-        for name, (first, last) in outcome.norms.items():
-            if BENDING in name and last != first:
-                checks.append(at_most(f"share of second order in {name.strip()}", abs(last / first - 1), REFORMED, "1"))
         outcome = replace(outcome, calibration_change=change)
-        body = {name: one for name, one in tables_of(outcome).items() if name not in ("readings", "expected", "norms")}
+        body = {name: one for name, one in tables_of(outcome).items() if name not in ("readings", "expected")}
         body["calibration_change"] |= {"joint_fit": tables_of(joint)} if combined else {}
     status = "delivered" if outcome else "no_manoeuvre"
     body = {"status": status, "kind": "discovery", "verdict": {"text": words.verdict(outcome)}} | body
@@ -206,8 +200,7 @@ def model_text(findings: Sequence[NamedCause], event: str, given: str = "", resu
         result = own | {"unit": "m"}
     model = {"event": event, "effect": effects, "result": result}
     said = "Found by gravcal discover in" if findings else "Taken out of the records of"
-    note = f"{said} {event}; give it to gravcal run with --model."
-    return toml.text(model, note) if effects else ""
+    return toml.text(model, f"{said} {event}; give it to gravcal run with --model.") if effects else ""
 
 
 @WORDS.figure("discovery")

@@ -26,8 +26,7 @@ def history(title, points, trims=(), band=None):
     parts = []
     for satellite in dict.fromkeys(row["satellite"] for row in rows):
         own = [row for row in rows if row["satellite"] == satellite]
-        drawn = image(_draw, own, band)
-        parts.append({"satellite": satellite, "figure": drawn, "tables": tables(own)})
+        parts.append({"satellite": satellite, "figure": image(_draw, own, band), "tables": tables(own)})
     dates = sorted(row["date"] for row in rows)
     sources = {p.said for p in points if p.mood == "printed"} | {one.source for _, one in trims}
     content = {"title": title, "span": f"{dates[0]} to {dates[-1]}", "sources": "; ".join(sorted(sources))}

@@ -230,8 +230,7 @@ def _steps(span, epochs, scene, satellite, chosen, rng):
     control = np.arange(span[0] + rng.uniform(0, 1), span[1], 1.0)
     lead = np.arange(span[0] - LEAD_S, epochs.acc[0], 0.1)
     tail = np.arange(epochs.acc[-1], span[1] + LEAD_S, 0.1)
-    wanted = [epochs.acc, epochs.sca, epochs.mag, edges, control, lead, tail]
-    bound = np.unique(np.concatenate(wanted))
+    bound = np.unique(np.concatenate([epochs.acc, epochs.sca, epochs.mag, edges, control, lead, tail]))
     bound = bound[np.concatenate([[True], np.diff(bound) > 1e-7])]
     begin = bound[:-1]
     dipole, wave = np.zeros((begin.size, 3)), np.zeros(begin.size, dtype=bool)

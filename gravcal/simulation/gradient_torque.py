@@ -171,8 +171,7 @@ def _readings(motion, state_i, quaternion, body, drag, effects):
     tensor = sensing.offset_tensor(motion.rate_b, motion.rate_dot_b, motion.gradient_b)
     linear = np.stack([-drag - np.matvec(tensor, p) for p in body["position"]], axis=1)
     J = body["test_mass_inertia"]
-    torque = dynamics.gravity_gradient_torque(J, motion.gradient_b)
-    free = dynamics.rate_derivative(J, motion.rate_b, torque)
+    free = dynamics.rate_derivative(J, motion.rate_b, dynamics.gravity_gradient_torque(J, motion.gradient_b))
     angular = np.repeat((free - motion.rate_dot_b)[:, None, :], len(body["position"]), axis=1)
     if "gradient.tesseral" in effects:
         R_ei = earth.R_ei(motion.time)

@@ -161,8 +161,7 @@ def measured_noise(_usual, _known, scaled, moved) -> dict:
 
 def draw(satellite: Mapping, chosen, rng) -> Truth:
     """True numbers around those of the settings; mass, inertia, arms and k_y of the catalogue or from their prior."""
-    share = 1 + chosen.factor_scatter * rng.standard_normal(2)
-    beta = np.array(chosen.angular_factor) * share[[0, 1, 1]]
+    beta = np.array(chosen.angular_factor) * (1 + chosen.factor_scatter * rng.standard_normal(2))[[0, 1, 1]]
     spread = chosen.divisor_scatter * rng.standard_normal(5)
     mass = satellite["test_mass"] + satellite["test_mass_sigma"] * spread[0]
     inertia, inertia_sigma = (np.array(satellite[f"test_mass_inertia{end}"]) for end in ("", "_sigma"))
@@ -201,8 +200,7 @@ def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, c
     tensor = sensing.offset_tensor(rate_b, rate_dot_b, gradient_b)
     linear = np.matvec(R_bo, air_and_light_o) + np.matvec(tensor, truth.offset)
     gravity_torque = dynamics.gravity_gradient_torque(np.diag(truth.inertia), gradient_b)
-    gyroscopic = np.cross(rate_b, rate_b * truth.inertia)
-    return linear, rate_dot_b + (gyroscopic - gravity_torque) / truth.inertia
+    return linear, rate_dot_b + (np.cross(rate_b, rate_b * truth.inertia) - gravity_torque) / truth.inertia
 
 
 def swing(chosen, start: float, truth: Truth, rng, hidden: Hidden) -> dict:
@@ -235,8 +233,7 @@ def _motion(fine, swing_start, path, chosen, rng):
         gate = (np.tanh(u / rise) - np.tanh((u - length) / rise)) / 2
         rate_dot[:, axis] = 4 * rate / period * wave * gate
     sway = rng.uniform(300.0, 900.0, 3)
-    phase = rng.uniform(0, 2 * np.pi, 3)
-    rate_dot = rate_dot + 2e-8 * np.sin(2 * np.pi * fine[:, None] / sway + phase)
+    rate_dot = rate_dot + 2e-8 * np.sin(2 * np.pi * fine[:, None] / sway + rng.uniform(0, 2 * np.pi, 3))
     rate = cumulative_trapezoid(rate_dot, dx=FINE, axis=0, initial=0.0)
     rate = rate - rate.mean(axis=0) * 0.1 + np.array([0.0, -orbital_rate(chosen), 0.0])
     first = frames.quaternion_from_R_bi(frames.flight_frame(path(fine[:1])))[0]

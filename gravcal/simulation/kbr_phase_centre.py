@@ -116,8 +116,7 @@ def draw_pair(chosen, day: float, rng) -> Pair:
     lag = chosen.separation_km * 1e3 / np.linalg.norm(state[3:])
     begin = day - 2 * EDGE - lag
     nodes = begin + 10.0 * np.arange(int((constants.DAY + 4 * EDGE + 2 * lag) / 10) + 2)
-    states = flight.fly_orbit(state, begin, nodes[-1])(nodes)
-    spline = make_interp_spline(nodes - begin, states[:, :3], k=9)
+    spline = make_interp_spline(nodes - begin, flight.fly_orbit(state, begin, nodes[-1])(nodes)[:, :3], k=9)
     speed = spline.derivative()
 
     def follow(delay):

@@ -45,8 +45,7 @@ def other_versions(ref):
 
 def other_versions_said(reasons):
     """Sentence on the products of other versions that are reused, "" where there are none."""
-    counts = collections.Counter(reasons)
-    said = "; ".join(f"{count} {reason}" for reason, count in counts.items())
+    said = "; ".join(f"{count} {reason}" for reason, count in collections.Counter(reasons).items())
     return f"products reused: {said}. {REMAKE}=1 makes them again." if said else ""
 
 

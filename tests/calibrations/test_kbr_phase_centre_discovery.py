@@ -72,6 +72,14 @@ def test_a_late_star_camera_of_one_satellite_is_a_delay_of_that_one():
     assert 36 < np.abs(kept - at).min() < 45
     moved = [(back[n] - records[n]).sel(time_kbr=kept).values for n in ("reading_range", "reading_range_rate")]
     assert np.allclose(moved, [np.where(kept > at, -1e-5, 0.0), 0 * kept], atol=1e-9)
+    (broken,) = observed.view.breaks(np.array([at]))  # in a second search it stands in the rows as in the first
+    ripple = next(one for one in observed.candidates if one.cause == "ranging.multipath")
+    sizes = {name: Parameter(1e-5, None, "m") for name in ripple.names}
+    sizes["period"] = Parameter(ripple.shape.value[0], None, "rad")
+    for whole, known in ((broken, size), (ripple, sizes)):
+        rows = observed.response(Entry(whole.cause.partition("@")[0], "", known))
+        for row, part in ((r, p) for r, p in zip(rows, whole.columns, strict=True) if p is not None):
+            np.testing.assert_allclose(row, 1e-5 * part.sum(axis=1), atol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -110,8 +118,7 @@ def test_x_of_a_satellite_that_does_not_turn_keeps_its_information():
     view, nothing = observed.view, np.zeros((observed.view.residual.size, 0))
     free = [np.column_stack([half.slow, view.column[half.rows]]) for half in view.parts]  # and no candidate beside it
     left = [(view.residual[h.rows], own, nothing[h.rows]) for h, own in zip(view.parts, free, strict=True)]
-    fitted = noise.with_restricted(view.measured, view.parts, left)
-    assert np.all(fitted["pointing_power"].values >= 0)
+    assert np.all(noise.with_restricted(view.measured, view.parts, left)["pointing_power"].values >= 0)
 
 
 def test_a_phase_centre_that_moves_is_given_at_the_middle_of_the_wiggles():

@@ -97,8 +97,7 @@ def test_the_measured_day_holds_the_phase_centres_of_the_catalogue_and_of_the_co
 @pytest.mark.measured
 def test_discovery_on_the_measured_day_names_noise_of_the_star_cameras():
     """Contract: first of all and alone, nothing of the correction at 5 to 10 mHz, all above 20."""
-    document = run(MEASURED, discovery=True)
-    noise, *others = document["findings"]
+    noise, *others = run(MEASURED, discovery=True)["findings"]
     assert (noise["cause"], noise["tied_with"], noise["adopted"]) == ("attitude.star_camera_noise", [], True)
     share = {name: one["value"] for name, one in noise["parameters"].items()}
     assert abs(share["share_5_10_mhz"]) < 0.4 < 0.9 < share["share_20_40_mhz"] < 1.2

@@ -60,13 +60,11 @@ def test_columns_along_own_ones_are_gone_and_not_rounding(made):
     """Analytic: products with a column of the own ones are zero, also where it comes later; others are untouched."""
     columns, _, basis = made
     assert orthonormal(np.concatenate([basis, basis[:, :1]], axis=1)).shape == (90, 4)  # what is repeated adds nothing
-    own = 1e9 * basis @ np.ones((4, 1))
-    wider = columns.wider(own).products()
+    wider = columns.wider(1e9 * basis @ np.ones((4, 1))).products()
     assert np.all(wider[-1] == 0)
     assert np.all(wider[:, -1] == 0)
     assert_allclose(wider[:9, :9], columns.products(), atol=0)
-    squares = np.append(np.zeros(9), 1e20)
-    assert np.count_nonzero(without_rounding(np.full((10, 10), 1e3), squares)) == 81
+    assert np.count_nonzero(without_rounding(np.full((10, 10), 1e3), np.append(np.zeros(9), 1e20))) == 81
 
 
 def test_a_driver_that_the_calibration_has_not_is_an_error():

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 from scipy import signal
+from scipy.spatial.transform import Rotation
 
 from gravcal import catalog
 from gravcal.effects import CHANNELS, Context, accelerometer, catalogue, effect, sensors, torque
@@ -230,7 +231,7 @@ CONTEXT = Context(time=TIME, extra=EXTRA)
         ("ranging.phase_centre_drift", {"z_a": 1e-8, "x_b": 1e-8}, -1.02e-8 * TIME),
         ("ranging.phase_centre_curvature", {"pitch_a": 1e-3}, 1e-3 * (RIPPLE * TIME / 4) ** 2),
         ("ranging.slow_orbit_error", {"cosine": 1e-3}, [1e-3, -1e-3, 1e-3, -1e-3, 1e-3]),
-        ("ranging.star_camera_misalignment", {"pitch_a": 1e-3, "yaw_b": 1e-3}, np.full(5, 2.8e-5 - 1.5e-5)),
+        ("ranging.star_camera_misalignment", {"pitch_a": 1e-3, "yaw_b": 1e-3}, np.full(5, 1.445e-5 - 2.3e-12)),
         ("ranging.once_per_revolution", {"sine": 1e-3}, [0, 1e-3, 0, -1e-3, 0]),
         ("ranging.thermal", {"swing": 4e-5}, 1e-5 * TIME),
     ],
@@ -239,6 +240,13 @@ def test_an_effect_adds_what_its_law_says(slug, given, expected):
     """Analytic: each law at numbers done by hand."""
     entry = effect(slug)
     assert_allclose(entry.contribution(CONTEXT, entry.values(given)), expected, atol=1e-18)
+
+
+def test_turned_star_cameras_move_the_antenna_by_their_whole_turn():
+    """Independent evaluation: rotations by scipy of a tenth of a radian, of which the square counts."""
+    turn, arms = np.array([[0.0, 0.03, -0.09], [0.0, 0.05, 0.1]]), np.outer(EXTRA["antenna_x"], [1.0, 0.0, 0.0])
+    found = effect("ranging.star_camera_misalignment").contribution(CONTEXT, turn[:, 1:].ravel())
+    assert_allclose(found, -np.einsum("nka,ka->n", LINE, Rotation.from_rotvec(turn).apply(arms) - arms), atol=1e-15)
 
 
 AREA, GAP, ARM = [2.395e-4, 2.054e-4, 2.056e-4], [6.20e-5, 7.70e-5, 7.50e-5], [10.45e-3] * 3

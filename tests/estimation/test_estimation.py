@@ -131,11 +131,9 @@ def test_noise_in_the_regressor_does_not_shrink_an_estimate_with_instruments():
 
 def test_a_direction_without_information_has_infinite_variance():
     """Analytic: null axes and combinations are told apart; twelve orders of size are units, no missing direction."""
-    found = least_squares.covariance(np.diag([4.0, 0.0, 1e12]))
-    assert_allclose(np.diag(found), [0.25, np.inf, 1e-12])
+    assert_allclose(np.diag(least_squares.covariance(np.diag([4.0, 0.0, 1e12]))), [0.25, np.inf, 1e-12])
     A = np.array([[1.0, 1.0, 0.0], [0.0, 0.0, 2.0]])
-    tied = least_squares.covariance(A.T @ A)
-    assert_allclose(np.diag(tied), [np.inf, np.inf, 0.25])
+    assert_allclose(np.diag(least_squares.covariance(A.T @ A)), [np.inf, np.inf, 0.25])
     assert np.isinf(np.diag(least_squares.covariance(np.zeros((3, 3))))).all()
     A = np.random.default_rng(6).standard_normal((30, 3)) * np.array([1.0, 1e-6, 1e6])
     for inverse in (least_squares.covariance, least_squares.stable_inverse):

@@ -77,8 +77,7 @@ def test_records_without_mapping_leave_the_on_board_clock():
     """Contract: TIM1B bits 3 and 6; GRACE-FO steps of 119 ns come through."""
     obc = START + np.array([5, 13, 21, 29])
     rcv = START + np.array([5, 13, 20, 29])
-    fraction = np.array([0, 119e-9, 999999881e-9, 0.25])
-    clock = timing.tim1b_clock(obc, rcv, fraction, [4, 4, 4, 8])
+    clock = timing.tim1b_clock(obc, rcv, np.array([0, 119e-9, 999999881e-9, 0.25]), [4, 4, 4, 8])
     assert_array_equal(clock.second, obc[:3])
     assert_allclose(clock.offset, [0, 119e-9, -119e-9], atol=1e-16)
     tags = _at([17.0])
@@ -90,8 +89,7 @@ def test_records_without_mapping_leave_the_on_board_clock():
 def test_records_are_ordered_and_repeats_reported():
     """Contract: one out of order, one equal repeat, one conflicting repeat; the first of each stays."""
     tags = _at([0.0, 2.0, 1.0, 2.0, 3.0, 3.0])
-    values = np.array([0.0, 2.0, 1.0, 2.0, 3.0, 3.5])
-    kept, conflicting, counts = timing.ordered(tags, values=[values])
+    kept, conflicting, counts = timing.ordered(tags, values=[np.array([0.0, 2.0, 1.0, 2.0, 3.0, 3.5])])
     assert_array_equal(kept, [0, 2, 1, 4])
     assert_array_equal(conflicting, [False, False, False, True])
     assert counts == {"records": 6, "out_of_order": 1, "repeated": 1, "conflicting": 1}

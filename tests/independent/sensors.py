@@ -53,8 +53,7 @@ def star_camera(scene, keep):
     """Quaternions (m, 4), scalar first, of the attitude at grid indices."""
     rng = stream(scene.world.seed, "sca", round(scene.t[0]))
     error = rng.normal(0, 1, (len(keep), 3)) * 3e-6 * loudness(scene, "sca")  # rad
-    small = Rotation.from_rotvec(error)
-    return (scene.rotation[keep] * small).as_quat(canonical=False, scalar_first=True)
+    return (scene.rotation[keep] * Rotation.from_rotvec(error)).as_quat(canonical=False, scalar_first=True)
 
 
 def magnetometer(scene, keep, half):

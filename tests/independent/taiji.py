@@ -142,8 +142,7 @@ class Sensor:
         linear += noise.coloured(self.rng("force", kind), len(t), FORCE)
         twist = INERTIA @ gradient - gradient @ INERTIA
         pull = np.stack([twist[:, 2, 1], twist[:, 0, 2], twist[:, 1, 0]], -1)
-        spin = np.cross(w, w @ INERTIA)
-        angular = wd + (spin - pull) / np.diag(INERTIA) + self.angular_bias
+        angular = wd + (np.cross(w, w @ INERTIA) - pull) / np.diag(INERTIA) + self.angular_bias
         linear = linear @ (np.eye(3) + np.asarray(self.effects.get("cross", np.zeros((3, 3))))).T
         if "odd_telegraph" in self.effects:  # in no list: m s-2 along x, y, z, changes per second
             e = self.effects["odd_telegraph"]

@@ -96,6 +96,15 @@ def test_a_turned_star_tracker_is_named(tmp_path):
         within(found[f"angle_{axis}"]["value"], found[f"angle_{axis}"]["sigma"], angle)
 
 
+def test_a_square_of_voltages_that_changes_their_scale_by_a_third_is_found_as_its_law_has_it(tmp_path):
+    """Recovery: V + 15 V^2 is recorded, of a mean that is not zero; the factor within its error, which holds it all."""
+    truth = taiji.make_event(tmp_path / "data", 3, {"quadratic": [0.0, 0.0, -15.0]}, roll_s=0.0)
+    said = run("inertial_sensor", tmp_path / "data", discovery=True)[0]
+    within(*(said["findings"][0]["parameters"]["z"][name] for name in ("value", "sigma")), 15.0)
+    change = said["calibration_change"]
+    within(change["after"][0], change["sigma_after"][0], 1e6 * truth["beta"][0])
+
+
 def test_a_telegraph_signal_in_the_quiet_data_too_is_no_noise(tmp_path):
     """Recovery: it is in all of the record of a swing; jumps nearer than two seconds to each other are not told."""
     taiji.make_event(tmp_path / "data", 3, {"odd_telegraph": {"value": [0, 6e-9, 0], "rate_hz": 0.05}}, roll_s=0.0)

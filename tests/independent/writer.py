@@ -66,8 +66,7 @@ class Writer:
         for product, rows in ((name, rows) for name, rows in self.rows.items() if rows):
             path = self.folder / f"{product}_{self.date}_{self.satellite}_04.txt"
             first, last = (row.split(maxsplit=1)[0] for row in (rows[0], rows[-1]))
-            text = header(product, self.satellite, len(rows), first, last)
-            path.write_text(text + "\n".join(rows) + "\n")
+            path.write_text(header(product, self.satellite, len(rows), first, last) + "\n".join(rows) + "\n")
             paths[product] = path
         return paths
 

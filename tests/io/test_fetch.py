@@ -314,8 +314,7 @@ def test_the_checksums_of_podaac_are_in_its_public_store(server, tmp_path):
     assert first == f"{fetch.PODAAC}/podaac-ops-cumulus-public/GRACEFO_L1B_ASCII_GRAV_JPL_RL04/{ONE.name}.md5"
     path = address.removeprefix(fetch.PODAAC)
     server.files = {path: IMAGE, first.removeprefix(fetch.PODAAC): hashlib.md5(IMAGE).hexdigest().encode()}
-    place = f"{server.url}/{fetch.PROTECTED}"
-    (found,) = fetch.fetch([ONE], tmp_path, place, patience=SOON)
+    (found,) = fetch.fetch([ONE], tmp_path, f"{server.url}/{fetch.PROTECTED}", patience=SOON)
     assert found.checked == "md5"
 
 

@@ -44,8 +44,7 @@ def test_any_quality_flag_comes_back(tmp_path, bits, eps):
     observed = read(path)
     assert_array_equal(observed.qualflg, bits)
     assert_array_equal(observed.eps_time, eps)
-    last = path.read_text().splitlines()[-1]
-    assert last.endswith(f"{bits[-1]:08b}")
+    assert path.read_text().splitlines()[-1].endswith(f"{bits[-1]:08b}")
 
 
 def test_bytes_depend_on_the_content_alone_and_headers_are_yaml(tmp_path, acceleration):

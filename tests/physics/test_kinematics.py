@@ -40,8 +40,7 @@ def test_the_published_rate_is_the_body_rate_with_the_gain_of_erratum_c10():
     assert np.all(np.isnan(rate_dot[[0, 1, -2, -1]]))
     time = np.arange(240.0)
     wave = 2 * np.pi / 12
-    angle = 1e-6 * np.sin(wave * time)
-    q = frames.from_rotation_vector(angle[:, None] * [0, 1.0, 0])
+    q = frames.from_rotation_vector((1e-6 * np.sin(wave * time))[:, None] * [0, 1.0, 0])
     rate, rate_dot = kinematics.published_rates_from_attitude(time, q)
     gain = rate[2:-2, 1] @ np.cos(wave * time[2:-2]) / (1e-6 * wave) / np.sum(np.cos(wave * time[2:-2]) ** 2)
     gain_dot = (

@@ -16,11 +16,11 @@ from gravcal.report import discovery_words as words
 CHANGE = Change(("x", "y"), "um", "mtq", (), (2.0, 1.0), (55.1, 2.0), (1.9, 1.0), (-12.3, 0.1), (), (), ())
 
 
-def outcome(*findings, p=(0.0, 0.4), quiet=1.0, change=CHANGE, number=0, norms=()):
+def outcome(*findings, p=(0.0, 0.4), quiet=1.0, change=CHANGE, number=0):
     """Outcome of a search; the reading of a finding of that number is shown."""
     readings = Readings((Shown(number, "linear", "manoeuvre 2", 1),), (12.0,))
     gain = Gain(9.0, 8.0, 9, 8, 1.0, -4.5, -4.0, 0.0, {}, {})
-    some = (), findings, (), Unexplained(), change, gain, (), {}, dict(norms)
+    some = (), findings, (), Unexplained(), change, gain, (), {}
     return Outcome(False, True, *p, 1.0, quiet, 0.005, *some, readings=readings)
 
 
@@ -134,13 +134,3 @@ def test_the_verdict_says_what_moves_and_alarms():
     mixed = replace(CHANGE, unit="1e-6 rad s-2 V-1, um", after=(39567.0, 2.0), sigma_after=(228.0, 1.0))
     text = words.verdict(outcome(one, change=mixed))
     assert "x by −0.01 to 39.57 ± 0.23 mrad s⁻² V⁻¹" in text
-
-
-def test_an_effect_that_taking_out_makes_another_is_beyond_first_order():
-    """Contract: the result is questionable where the norm of its columns changes by more than a fifth, and says why."""
-    for last, status in ((0.7, "questionable"), (0.9, "delivered"), (1.0, "delivered")):
-        norms = {"inertial_sensor.quadratic z alone": (1.0, last)}
-        product = tabled(xr.Dataset(), outcome(finding("inertial_sensor.quadratic", z=(15.0, 0.5, "V-1")), norms=norms))
-        document, _ = discovery.judged(product, calibration="inertial_sensor", event="t", settings={}, reported=None)
-        assert (document["status"], len(document["checks"])) == (status, int(last < 1))
-        assert ("share of second order in inertial_sensor.quadratic z" in document["verdict"]["text"]) == (last == 0.7)

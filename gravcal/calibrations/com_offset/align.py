@@ -153,8 +153,7 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
     }
     for name, (source, tags, columns) in sources.items():
         time, values, flag, counts[name] = sorted_samples(source, tags, columns)
-        margin = 8.0 if name == "orbit" else 0.0
-        inside = in_windows(time, spans, margin)
+        inside = in_windows(time, spans, 8.0 if name == "orbit" else 0.0)
         flag[inside] |= _outliers(name, time[inside], values[inside], flag[inside], settings["outlier_sigma"])
         parts[name] = (time[inside], values[inside], flag[inside])
         if not inside.any():

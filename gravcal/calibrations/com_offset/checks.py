@@ -108,8 +108,7 @@ def _pointing(aligned, time, position, velocity):
     towards = [np.stack([np.interp(epoch, time, v[:, c]) for c in range(3)], axis=1) for v in (velocity, -position)]
     with np.errstate(invalid="ignore", divide="ignore"):
         ahead, down = (np.matvec(R_bi, v / np.linalg.norm(v, axis=1, keepdims=True)) for v in towards)
-        cosine = np.minimum(np.abs(ahead[:, 0]), down[:, 2])
-        return epoch, np.degrees(np.arccos(np.clip(cosine, -1, 1)))
+        return epoch, np.degrees(np.arccos(np.clip(np.minimum(np.abs(ahead[:, 0]), down[:, 2]), -1, 1)))
 
 
 def turning(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -153,8 +152,7 @@ def late(aligned: xr.Dataset) -> dict[str, int]:
     most = min(APART_S, time.size - 1)
     found = {name: timing.lag(spectra[name], spectra["mag"], most, NEAR_S, weight) for name in known if name != "mag"}
     far = {name: lag for name, lag in found.items() if abs(lag) > LATE_S}
-    alike = len(far) == 2 and abs(far["acc"] - far["sca"]) <= 1
-    return {"mag": -far["acc"]} if alike else far
+    return {"mag": -far["acc"]} if len(far) == 2 and abs(far["acc"] - far["sca"]) <= 1 else far
 
 
 def _motion(smoothed, far, limits):

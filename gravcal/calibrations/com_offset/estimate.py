@@ -123,8 +123,7 @@ def _joint_offset(scores):
     seen = [s for s in scores if s is not None]
     if not seen:
         return np.full(3, np.nan)
-    normal = sum(s.normal for s in seen) + PRIOR
-    return least_squares.stable_inverse(normal) @ sum(s.right for s in seen)
+    return least_squares.stable_inverse(sum(s.normal for s in seen) + PRIOR) @ sum(s.right for s in seen)
 
 
 def _block(given, index, settings):

@@ -181,8 +181,7 @@ def integrated(time: np.ndarray, R_bi: np.ndarray, rate_dot_b: np.ndarray) -> np
 
 def means(series: np.ndarray, width: int) -> np.ndarray:
     """Means (m, ...) of `width` neighbouring samples (n, ...), of those there are; NaN where there are none."""
-    whole = len(series) // width * width
-    parts = series[:whole].reshape(-1, width, *series.shape[1:])
+    parts = series[: len(series) // width * width].reshape(-1, width, *series.shape[1:])
     known = np.isfinite(parts)
     count = known.sum(axis=1)
     return np.where(count > 0, np.where(known, parts, 0.0).sum(axis=1), np.nan) / np.maximum(count, 1)

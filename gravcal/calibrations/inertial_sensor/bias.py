@@ -157,8 +157,7 @@ def offset_terms(rate_b, gradient_b, step_s: float) -> np.ndarray:
 
 def orbital_phase(gradient_b: np.ndarray, step_s: float) -> np.ndarray:
     """Angle along the orbit since the first bin (b,) rad, from the gravity gradient (b, 3, 3): |G| = sqrt(6) n^2."""
-    motion = np.sqrt(np.linalg.norm(gradient_b, axis=(1, 2)) / np.sqrt(6))
-    return step_s * np.cumsum(motion)
+    return step_s * np.cumsum(np.sqrt(np.linalg.norm(gradient_b, axis=(1, 2)) / np.sqrt(6)))
 
 
 def design(axis: int, R_bo: np.ndarray, model: Model, phase: np.ndarray | None = None) -> np.ndarray:

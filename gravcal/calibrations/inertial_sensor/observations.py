@@ -12,6 +12,7 @@ from gravcal.calibrations.causes import LateTags, of_late_orbit
 from gravcal.calibrations.inertial_sensor import observed_roll, observed_swing, responses
 from gravcal.calibrations.inertial_sensor.observed_roll import RollView
 from gravcal.calibrations.inertial_sensor.observed_swing import SwingView
+from gravcal.effects import inertial_sensor as electrodes
 from gravcal.estimation import records
 
 #: Factor from SI and unit in which a parameter is reported, by the first word of its name.
@@ -26,6 +27,7 @@ REPORTED = {
 #: Channels with a reading; what is left of an attitude wanders with the integrated noise of the voltages.
 READABLE = ("linear", observed_roll.CHANNEL)
 HARMONICS = 4  # of a smooth motion, in what follows it
+QUADRATIC = "inertial_sensor.quadratic"
 WAVES = ("unknown:attitude", "unknown:latitude")  # about a mean that a roll does not tell from a bias
 #: Epochs round that of the search at which a step is looked for again, in spacings of the search.
 NEAR = np.linspace(-1.0, 1.0, 21)
@@ -128,6 +130,11 @@ class InertialSensor(records.Observations):
         return records.Block.of("known beforehand", np.zeros(1), "prior", 1, time, shared=column)
 
     @property
+    def model(self) -> str:
+        """Causes that were taken out of the records."""
+        return (self.swing.aligned if self.swing else self.roll.products["segment"]).attrs.get("model", "")
+
+    @property
     def swung(self) -> int:
         """Number of blocks of the swing, which are the first."""
         return sum(block.channel[0] in SwingView.channels for block in self.blocks)
@@ -165,8 +172,19 @@ class InertialSensor(records.Observations):
         return self._steps(epoch, epoch + self.spacing(epoch) * NEAR)
 
     def physical(self, entry: records.Entry, fitted: records.Fitted) -> records.Entry:
-        """Parameters with the mean of a wave in the linear reading, which no record of one axis tells from a bias."""
+        """Parameters with the mean of a wave in the linear reading, which no record of one axis tells from a bias.
+
+        A square of voltages whose mean is not zero changes their scale as well: where it was fitted beside the scale
+        that it gives them, r = q / (1 + 4 q V), it is q = r / (1 - 4 r V), V the mean that was recorded; not determined
+        where no q is such.
+        """
         found = super().physical(entry, fitted)
+        if entry.cause == QUADRATIC and entry.cause not in self.model:
+            volts = (self.swing or self.roll).context().extra["volts"]
+            means = {a: volts[:, row > 0].mean() for a, row in zip("xyz", electrodes.READOUT, strict=False)}
+            bent = {a: max(1 - 4 * p.value * means[a], 0.0) or np.nan for a, p in found.parameters.items()}
+            scaled = lambda p, by: replace(p, value=p.value / by, sigma=p.sigma / by**2)  # noqa: E731
+            return replace(found, parameters={a: scaled(p, bent[a]) for a, p in found.parameters.items()})
         known = found.parameters.items() if fitted.candidate.means else ()
         sizes = {a: [p.value for n, p in known if n.split("_")[1] == a and p.value] for a in "xyz"}
         means = {f"mean_{a}": records.Parameter(0.0, float(np.linalg.norm(v)), "m s-2") for a, v in sizes.items() if v}

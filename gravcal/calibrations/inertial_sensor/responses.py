@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import xarray as xr
@@ -11,7 +12,7 @@ from gravcal.calibrations.inertial_sensor import model as fits
 from gravcal.calibrations.inertial_sensor.bias import cut
 from gravcal.calibrations.inertial_sensor.observed_roll import CHANNEL, RollView, view_of_segments
 from gravcal.calibrations.inertial_sensor.observed_swing import STEP, TONE, SwingView
-from gravcal.effects import effect
+from gravcal.effects import Context, effect
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.drivers import lagged, products
 from gravcal.estimation.records import Candidate, Entry, at_epoch
@@ -30,6 +31,7 @@ MARGIN_S = 10.0  # from the ends of the record, where none is
 MEMORIES_S = 4.0 * 1.6 ** np.arange(6)  # of the size of a rate that may warm something; nearer ones are hardly apart
 REST = 1e-3  # s, memory of what ends with the motion
 FIXED_POINT = 6  # times that offset and effects follow from each other
+INVERTED = 30  # times that voltages follow from what was added to them
 
 
 def of_swing(view: SwingView) -> list[Candidate]:
@@ -122,15 +124,15 @@ def swing_without(view: SwingView, model: Sequence[Entry]) -> xr.Dataset:
     volts, time = extended["volts"].values, extended["time"].values
     about, added = view.context(time, _place_without(view, model)), np.zeros((time.size, 6))
     for entry in model:
+        if entry.listed and effect(entry.cause).channel == "electrode_v":  # first: it acted on all that was read
+            volts -= distortion(entry, about, volts)
         for channel, part in COMBINATIONS.items():
             added[:, part] += _added(view, entry, channel, about)
     volts -= electrodes.volts(added / np.concatenate([view.k, view.unknowns.factors[fits.OWNER]]))
     for entry in (one for one in model if one.listed):  # last: what is added was read at the tags as they are
         known = effect(entry.cause)
         values = known.values(entry.values)
-        if known.channel == "electrode_v":
-            volts -= known.contribution(about, values)
-        elif known.channel == "acc_delay":
+        if known.channel == "acc_delay":
             volts[:] = lines_between(time + values[0], time, volts)
         elif known.slug == LOOP:
             readouts = electrodes.readouts(volts)
@@ -142,7 +144,19 @@ def swing_without(view: SwingView, model: Sequence[Entry]) -> xr.Dataset:
             attitude = extended["quaternion"].values
             back = frames.from_rotation_vector(np.tile(-values, (len(attitude), 1)))
             attitude[:] = frames.quaternion_product(attitude, back)
-    return extended.assign_attrs(model=" ".join(one.cause for one in model))
+    return extended.assign_attrs(model=" ".join(one.cause for one in model if one.values))
+
+
+def distortion(entry: Entry, about: Context, recorded: np.ndarray) -> np.ndarray:
+    """What an entry has added (n, 6) V to recorded voltages (n, 6) V, by its law of those that it acted on.
+
+    Beyond the reading itself the law of a square has no way back: its share is limited to that.
+    """
+    known, added = effect(entry.cause), np.zeros_like(recorded)
+    for _ in range(INVERTED):
+        before = replace(about, extra={**about.extra, "volts": recorded - added})
+        added = known.contribution(before, known.values(entry.values)).clip(-np.abs(recorded), np.abs(recorded))
+    return added
 
 
 def _place_without(view, model):
@@ -208,12 +222,14 @@ def turned(view: RollView) -> np.ndarray:
 def roll_without(view: RollView, model: Sequence[Entry]) -> xr.Dataset:
     """Bins of the roll without the effects of a model; drifts count from its middle."""
     segmented = view.products["segment"]
-    extended = segmented.copy(deep=True).assign_attrs(model=" ".join(one.cause for one in model))
+    extended = segmented.copy(deep=True).assign_attrs(model=" ".join(one.cause for one in model if one.values))
     _, parts = cut(segmented["time"].values, view.settings["segment_s"])
     names = ("linear_volt", "R_bo", "rate_b", "gradient_b")
     whole = [k for k, part in enumerate(parts) if all(np.isfinite(segmented[n].values[part]).all() for n in names)]
     view = view_of_segments(view.products, view.settings, whole)
     about, added = view.context(), np.zeros((view.time.size, 3))
+    volts = np.concatenate([segmented["linear_volt"].values[parts[k]] for k in whole])
+    recorded = electrodes.volts(np.concatenate([volts, np.zeros_like(volts)], axis=1))  # hardly any torque
     rows = [(driver, form, np.concatenate(values)) for driver, form, values in view.series()]
     for entry in model:
         if not entry.listed:
@@ -227,8 +243,10 @@ def roll_without(view: RollView, model: Sequence[Entry]) -> xr.Dataset:
             extended["rate_b"].values[:] = extended["rate_b"].values @ turn.T
             extended["gradient_b"].values[:] = turn @ extended["gradient_b"].values @ turn.T
         before = entry.values.get("time", np.inf) < about.time[0]  # a step that the bias of the roll contains
-        if known.channel in ("linear_b", "electrode_v") and known.slug != TONE and not before:
-            added += _read(view, known, known.contribution(about, known.values(entry.values)))
+        if known.channel == "electrode_v":
+            added += _read(view, known, distortion(entry, about, recorded))
+        elif known.channel == "linear_b" and known.slug != TONE and not before:
+            added += known.contribution(about, known.values(entry.values))
     for k, volts in zip(whole, added.reshape(*view.time.shape, 3) / view.k, strict=True):
         extended["linear_volt"].values[parts[k]] -= volts
     return extended

@@ -129,5 +129,4 @@ def breaks(time: np.ndarray, distance: np.ndarray, rate: np.ndarray, acceleratio
     """
     h = np.diff(time)
     expected = h * (rate[1:] + rate[:-1]) / 2 - h**2 * np.diff(acceleration) / 12
-    stepped = np.abs(np.diff(distance) - expected) > limit
-    return np.append(False, stepped | (h > LONG_GAP))
+    return np.append(False, (np.abs(np.diff(distance) - expected) > limit) | (h > LONG_GAP))

@@ -75,8 +75,7 @@ def orbit_difference(first, second) -> float:
 def _of_pointing(aligned, pointed, limits):
     """Both satellites look at each other with z down, and turn as fast as a satellite can."""
     time, angle = pointed["time"].values, pointed["angle"].values
-    spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
-    routine = ~in_windows(time, spans, NEAR)
+    routine = ~in_windows(time, np.stack([pointed["start"].values, pointed["stop"].values], axis=1), NEAR)
     found = []
     for k, letter in enumerate(pointed.attrs["satellites"]):
         line = pointed["line_of_sight_b"].values[k]

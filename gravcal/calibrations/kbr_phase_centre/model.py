@@ -214,8 +214,7 @@ def observable(
     through = [crn.operator(filter_, order, good, (time[0], 1.0), at) for order in range(derivative + 1)]
     line = np.concatenate(list(pointed["line_of_sight_b"].values), axis=1)
     modelled = through[-1](np.column_stack([pointed["range_com"].values + pointed["second_order"].values, -line]))
-    x = np.repeat(np.asarray(nominal_m, dtype=float).reshape(2, 3)[:, 0], 2)
-    arms = line[:, [2, 1, 5, 4]] * x
+    arms = line[:, [2, 1, 5, 4]] * np.repeat(np.asarray(nominal_m, dtype=float).reshape(2, 3)[:, 0], 2)
     valid = through[-1].valid & (aligned["kbr_flag"].values == 0)
     spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
     epochs = np.clip(np.rint(at - time[0]).astype(int), 0, time.size - 1)

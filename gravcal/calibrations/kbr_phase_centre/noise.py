@@ -387,7 +387,6 @@ def _basis_beside(baseline, tried):
     """Orthonormal basis of the baseline and of what the candidates add to it."""
     first = least_squares.orthonormal(baseline)
     left = tried - first @ (first.T @ tried)
-    size = np.linalg.norm(left, axis=0)
-    left = left[:, size > BESIDE * np.linalg.norm(tried, axis=0)]
+    left = left[:, np.linalg.norm(left, axis=0) > BESIDE * np.linalg.norm(tried, axis=0)]
     second, values, _ = np.linalg.svd(left / np.linalg.norm(left, axis=0), full_matrices=False)
     return least_squares.orthonormal(np.column_stack([first, second[:, values > DEPENDENT * values.max(initial=0.0)]]))

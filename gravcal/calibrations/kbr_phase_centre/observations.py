@@ -14,7 +14,7 @@ from gravcal.calibrations.align import WHOLE_S, late_of_pair, late_orbit, moved_
 from gravcal.calibrations.causes import LateTags, of_late_orbit
 from gravcal.calibrations.kbr_phase_centre import noise
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, PARAMETERS
-from gravcal.calibrations.kbr_phase_centre.responses import BREAK, SATELLITES, Halves, halves_of, turned
+from gravcal.calibrations.kbr_phase_centre.responses import BREAK, RIPPLE, SATELLITES, Halves, halves_of, turned
 from gravcal.effects import effect
 from gravcal.effects.ranging import BREAK_GAP_S
 from gravcal.estimation import crn, records
@@ -142,6 +142,15 @@ class Ranging(records.Observations):
         half = self.view.parts[number]
         model = self.view.column[half.rows] @ self.start
         return half.time, model[:, None], (self.view.factors[number] @ rows).T[:, :, None]
+
+    def response(self, entry: records.Entry) -> list[np.ndarray]:
+        """Whitened rows (n,) of each block; ripples and breaks by their law: no candidate has their period or epoch."""
+        if entry.cause not in (RIPPLE, BREAK):
+            return super().response(entry)
+        known = effect(entry.cause)
+        added = np.nan_to_num(known.contribution(self.view.context, known.values(entry.values)))
+        rows = self.view.white(self.view.through(added[:, None]))
+        return [*(one[:, 0] for one in rows[:-1]), *(np.zeros(block.time.size) for block in self.blocks[-1:])]
 
     def near(self, fitted: records.Fitted) -> list[records.Candidate]:
         """Phase breaks at epochs near that of a finding."""

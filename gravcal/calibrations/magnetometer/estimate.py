@@ -87,8 +87,7 @@ def _parameters(group):
 
 def _solved(rows):
     """Solution of all axes together, the smallest where it is not unique."""
-    information = sum(c.T @ c for c, _ in rows)
-    return least_squares.stable_inverse(information) @ sum(c.T @ y for c, y in rows)
+    return least_squares.stable_inverse(sum(c.T @ c for c, _ in rows)) @ sum(c.T @ y for c, y in rows)
 
 
 def _rows(noise, place, values):

@@ -65,8 +65,7 @@ def content_beside(products):
 def more_beside(products):
     """Parameters that the field of others implies, and a sentence on the difference."""
     found = products["beside"]
-    difference = 1e9 * found["difference_b"].values
-    texts = [f"{one:.1f}" for one in np.sqrt(np.mean(difference**2, axis=0))]
+    texts = [f"{one:.1f}" for one in np.sqrt(np.mean((1e9 * found["difference_b"].values) ** 2, axis=0))]
     said = f" Another calibration's field less ours: rms {', '.join(texts)} nT in x, y, z."
     return {"theirs": parameters(found)}, said
 

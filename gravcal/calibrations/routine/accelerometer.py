@@ -342,8 +342,7 @@ def _transients(aligned, pieces, left, noises, limit):
         component = int(np.abs(white[group]).max(axis=0).argmax())
         peak = group[np.abs(white[group, component]).argmax()]
         near = white[np.abs(time - time[peak]) < TOGETHER_S, component]
-        clear = np.sign(near[np.abs(near) > limit / 2])
-        found.append((time[peak], np.sum(np.diff(clear) != 0)))
+        found.append((time[peak], np.sum(np.diff(np.sign(near[np.abs(near) > limit / 2])) != 0)))
     return dict(zip(("transient", "transient_swings"), np.reshape(found, (-1, 2)).T, strict=True))
 
 

@@ -102,8 +102,7 @@ def report(
         mine = {name.partition(".")[2]: one for name, one in products.items() if name.startswith(f"{part}.")}
         instruments[part], shown = _instrument(part, own, mine)
         sections.append(shown)
-        known = instruments[part]["parameters"]
-        parameters |= {f"{part}_{name}": one for name, one in known.items()}
+        parameters |= {f"{part}_{name}": one for name, one in instruments[part]["parameters"].items()}
         checked += [replace(one, name=f"{part}: {one.name}") for one in of_product(mine["checks"])]
     there = [one["said"] for one in instruments.values() if one["status"] == "fitted"]
     absent = [f"{part}: {one['said']}" for part, one in instruments.items() if one["status"] == "missing"]

@@ -162,6 +162,5 @@ def check(aligned: xr.Dataset, found: xr.Dataset, **limits: float) -> xr.Dataset
     ]
     value, sigma = found["value"].values[:3], found["sigma"].values[:3]
     if np.isfinite(value).any():
-        least = np.nanmin(value + 3 * sigma)
-        made.append(at_least("smallest gain and three sigma", least, 0.0, "1"))
+        made.append(at_least("smallest gain and three sigma", np.nanmin(value + 3 * sigma), 0.0, "1"))
     return checks.product([*made, *named_parameters.checks(found, limits["agreement_limit"])])

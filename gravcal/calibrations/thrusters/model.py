@@ -133,8 +133,7 @@ def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.
     rate = steps.sum(axis=0) / (time[-1] - time[0])
     middle = time.size // 2
     turn = frames.from_rotation_vector(rate * (time - time[middle])[:, None])
-    steady = frames.quaternion_product(quaternion[middle], turn)
-    return frames.attitude_error(quaternion, steady), rate
+    return frames.attitude_error(quaternion, frames.quaternion_product(quaternion[middle], turn)), rate
 
 
 def late(one: Records, inertia_b) -> int:

@@ -750,8 +750,7 @@ def _check_order(flag, ticks, arrays, table):
     steps = np.diff(ticks)
     if (steps > 0).all():
         return
-    latest = np.maximum.accumulate(ticks)
-    _mark(flag, np.concatenate([[False], ticks[1:] < latest[:-1]]), OUT_OF_ORDER)
+    _mark(flag, np.concatenate([[False], ticks[1:] < np.maximum.accumulate(ticks)[:-1]]), OUT_OF_ORDER)
     keys = [np.unique(arrays[k], return_inverse=True)[1] for k in table.keys if k in arrays]
     order = np.lexsort([np.arange(len(ticks)), *keys, ticks])
     same = np.ones(len(ticks) - 1, bool)

@@ -218,8 +218,7 @@ def test_a_wave_cut_by_the_record_is_found_where_it_is_recorded(begin, end):
     waves = find_waves(time[kept], current[kept], 0, SETTINGS)
     assert len(waves) == 1
     inner = (waves[0].lower[1:-1] + waves[0].upper[1:-1]) / 2
-    nearest = np.abs(inner[:, None] - true).min(axis=1)
-    assert nearest.max() <= 0.25 + 1e-6
+    assert np.abs(inner[:, None] - true).min(axis=1).max() <= 0.25 + 1e-6
     assert waves[0].level.size >= 10
     assert waves[0].lower[0] >= time[kept][0] - 1.6
     assert waves[0].upper[-1] <= time[kept][-1] + 1.6

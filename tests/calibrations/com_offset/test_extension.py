@@ -111,6 +111,11 @@ def test_a_step_of_every_manoeuvre_is_in_the_model_as_it_was_in_the_search(movin
     for rows, part in zip(found.response(entry), columns, strict=False):
         np.testing.assert_allclose(rows, part @ [1e-9, -2e-9, 3e-9], atol=1e-9)
     assert not found.response(replace(entry, leads=entry.leads[:1]))[1].any()
+    moved = found.aligned["linear_b"].values - found.without([entry])["linear_b"].values  # each step stays
+    np.testing.assert_allclose(moved[[0, -1]], np.outer([0, len(entry.leads)], [1e-9, -2e-9, 3e-9]), atol=1e-20)
+    moved = found.aligned["linear_b"].values - found.without([replace(entry, leads=())])["linear_b"].values
+    later = found.aligned["time_acc"].values >= first[9]
+    np.testing.assert_allclose(moved, np.outer(later, [1e-9, -2e-9, 3e-9]), atol=1e-20)
 
 
 RNG_LEVEL = 1e-5  # a mean square of 1000 draws 0.9 +- 0.04 below 1.1
@@ -166,8 +171,7 @@ def test_the_part_of_a_sample_that_all_manoeuvres_share_is_in_the_error_of_a_lat
     column = responses.edge_column("timing.star_camera_delay", smoothed, np.arange(7.0))[:, 0]
     for part in (np.repeat(rng.uniform(-0.05, 0.05, (1000, 1)), 8, axis=1), rng.uniform(-0.05, 0.05, (1000, 8))):
         seen = part + rng.standard_normal((1000, 8)) * np.append(np.full(7, 0.012), 0.07)
-        rows = lag.whitened_edges(smoothed, seen.T).T
-        assert np.mean((rows @ column) ** 2) / (column @ column) < 1.1
+        assert np.mean((lag.whitened_edges(smoothed, seen.T).T @ column) ** 2) / (column @ column) < 1.1
 
 
 def test_an_edge_between_two_samples_is_no_delay_and_a_delay_moves_every_row():

@@ -411,8 +411,7 @@ def test_the_printed_torque_is_that_of_a_tensor_of_rank_one():
     assert_allclose(gravity_gradient_torque(BODY, gradient), 0)
     one = np.full(3, 1e-3)
     assert_allclose(printed(gradient, one), [-2.2e-3, 1.1e-3, -0.6e-3], atol=6e-5)
-    other = one * [1, -1, 1]
-    assert np.abs(printed(gradient, other) - printed(gradient, one)).max() > 1e-3
+    assert np.abs(printed(gradient, one * [1, -1, 1]) - printed(gradient, one)).max() > 1e-3
 
 
 def test_one_epoch_has_rank_six_of_eight_and_the_printed_pair_five():
