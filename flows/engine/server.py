@@ -101,8 +101,7 @@ def client(url):
     """Prefect's settings of a client of a server."""
     from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL
 
-    known = {PREFECT_API_AUTH_STRING: os.environ[AUTH]} if AUTH in os.environ else {}
-    return known | {PREFECT_API_URL: url}
+    return ({PREFECT_API_AUTH_STRING: os.environ[AUTH]} if AUTH in os.environ else {}) | {PREFECT_API_URL: url}
 
 
 @dataclass(frozen=True)

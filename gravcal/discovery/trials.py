@@ -449,11 +449,11 @@ def _with_errors(candidate: Candidate, value, beside):
     shape, parts = candidate.shape, candidate.shape.columns(value)
     _, size = beside.gain(parts)
     slopes = [_slope(shape, value, k, size) for k in range(value.size)]
-    both = [None if p is None else np.column_stack([p, *(s[i] for s in slopes)]) for i, p in enumerate(parts)]
-    inner, _ = beside.products(both)
+    bent = [None if p is None else np.column_stack([s[i] for s in slopes]) for i, p in enumerate(parts)]
+    inner, _ = beside.products([None if p is None else np.hstack([p, b]) for p, b in zip(parts, bent, strict=True)])
     joint, count = inverse_of(inner), size.size
     alone = inverse_of(inner[:count, :count])
-    known = replace(shape, value=value, covariance=joint[count:, count:])
+    known = replace(shape, value=value, covariance=joint[count:, count:], slopes=bent)
     spread = joint[:count, :count] - alone
     return replace(candidate, form=_form(shape, value), columns=parts, shape=known, spread=spread)
 

@@ -85,9 +85,10 @@ law("accelerometer.flexible_mode", "linear_b", _MODE, "elastic mounting", linear
 
 @njit(cache=True)
 def deflection(time, drive, frequency, damping):
-    """Oscillators (n, k) that follow their drives (n, k) of any unit, held from epoch to epoch; at rest at first.
+    """Oscillators (n, k) that follow their drives (n, k) of any unit, at rest at first.
 
-    Frequency in Hz, damping less than critical.
+    Between two epochs the mean of both drives is held: that of one alone would come half a step late, which near the
+    own frequency looks like another one. Frequency in Hz, damping less than critical.
     """
     out = np.zeros(drive.shape)
     own = 2 * np.pi * max(frequency, 1e-9)
@@ -95,7 +96,7 @@ def deflection(time, drive, frequency, damping):
     for i in range(drive.shape[1]):
         x, v = 0.0, 0.0
         for k in range(1, time.size):
-            step, target = time[k] - time[k - 1], drive[k - 1, i]
+            step, target = time[k] - time[k - 1], (drive[k - 1, i] + drive[k, i]) / 2
             c, s, fade = np.cos(swing * step), np.sin(swing * step), np.exp(-decay * step)
             away = x - target
             x = target + fade * (away * c + (v + decay * away) / swing * s)

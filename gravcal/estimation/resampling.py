@@ -55,8 +55,7 @@ def lowpass_resampler(
 
 def operator_for(time, good, start: float, stop: float, lowpass_hz: float, half_width_s: float, step_s: float):
     """Low-pass and resampling of samples (n,) s of an arc, its support never beyond the ends; Hz and s."""
-    begin = np.ceil((start + half_width_s) / step_s) * step_s
-    grid = np.arange(begin, stop - half_width_s, step_s)
+    grid = np.arange(np.ceil((start + half_width_s) / step_s) * step_s, stop - half_width_s, step_s)
     return lowpass_resampler(time, good, grid, lowpass_hz=lowpass_hz, half_width_s=half_width_s)
 
 

@@ -172,8 +172,7 @@ def linked(link):
     except (OSError, ValueError):
         return None
     folder = folder_of(Path(target).name)
-    is_own = KEY.fullmatch(folder.name) and target == os.path.relpath(folder, link.parent)
-    return folder if is_own else None
+    return folder if KEY.fullmatch(folder.name) and target == os.path.relpath(folder, link.parent) else None
 
 
 def links(pattern="*/*"):

@@ -86,8 +86,7 @@ def test_wiggles_and_their_star_camera_noise_are_found_and_one_sided_sets_follow
     combined, row = products.combined, SUBSETS.index("positive")
     sigma = sigma_mm(combined, row)
     assert_allclose(sigma[:, [1, 2]].mean(axis=1) / sigma[:, 0], np.tan(np.radians(2)), rtol=0.06)
-    both = sigma_mm(combined)
-    assert np.all(both[:, 1] < 0.2 * sigma[:, 1])  # both signs: x no longer leaks
+    assert np.all(sigma_mm(combined)[:, 1] < 0.2 * sigma[:, 1])  # both signs: x no longer leaks
     held = sigma_mm(combined, SUBSETS.index("positive_x_fixed"))  # x of the catalogue repairs a one-sided set
     assert np.isnan(held[:, 0]).all()
     assert held[:, Y_AND_Z].max() < 0.3 * sigma[:, Y_AND_Z].min()
@@ -254,8 +253,7 @@ def test_covariance_is_that_of_drawn_noise():
     found = noise.covariance_matrix(lags, np.arange(at.size), arms)
     sampled = np.cov(drawn)
     scale = np.sqrt(np.outer(np.diag(sampled), np.diag(sampled)))
-    lower = np.tril_indices(at.size)
-    assert np.abs((found - sampled) / scale)[lower].max() < 6 * np.sqrt(2 / 600)
+    assert np.abs((found - sampled) / scale)[np.tril_indices(at.size)].max() < 6 * np.sqrt(2 / 600)
 
 
 def test_noise_comes_from_the_wiggles_without_quiet_and_files_that_do_not_fit_are_refused():

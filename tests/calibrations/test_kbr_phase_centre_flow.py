@@ -215,8 +215,7 @@ def test_the_other_orbit_product_is_looked_at():
     """Contract: a GNV1B beside GNI1B that is 3 m off, or shares no epoch with it; a good day fails nothing."""
     assert failed(good()) == set()
     columns = changed((), None)
-    settings = (*SHORT, ("orbit_product", "GNV1B"))
-    columns["GNV1B", "C"] = dict(simulated(5, settings)[0]["GNV1B", "C"])
+    columns["GNV1B", "C"] = dict(simulated(5, (*SHORT, ("orbit_product", "GNV1B")))[0]["GNV1B", "C"])
     assert failed(columns) == set()
     columns["GNV1B", "C"]["zpos"] = columns["GNV1B", "C"]["zpos"] + 3.0
     assert failed(columns) == {"orbit C, GNI1B against GNV1B"}

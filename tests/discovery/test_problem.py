@@ -148,8 +148,7 @@ def test_gain_of_a_step_is_that_of_least_squares():
     blocks = blocks_of(np.random.default_rng(3))
     problem = prepare(blocks, [])
     baseline = np.array([1])
-    rest = residuals_of(problem, baseline, observed_rows(problem))
-    found = scan.steps(problem, baseline, rest)
+    found = scan.steps(problem, baseline, residuals_of(problem, baseline, observed_rows(problem)))
     assert found.at.size == 3 * 4 * 4  # in either block and in both
     assert sorted(set(found.dof)) == [1, 3]
     own = [np.concatenate([b.local_columns, np.zeros_like(b.local_columns)], axis=1) for b in blocks]

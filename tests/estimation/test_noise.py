@@ -74,8 +74,7 @@ def test_prediction_rows_and_density_are_those_of_the_process():
     lags = np.arange(1, 400)
     direct = 2 * 0.5 * (c[0] + 2 * np.cos(2 * np.pi * np.outer(frequency, lags) * 0.5) @ c[1:])
     assert_allclose(model.density(frequency), direct, rtol=1e-6)  # lags cut at 400
-    grid = (np.arange(20000) + 0.5) / 20000
-    assert_allclose(np.mean(model.density(grid)), c[0], rtol=1e-6)
+    assert_allclose(np.mean(model.density((np.arange(20000) + 0.5) / 20000)), c[0], rtol=1e-6)
 
 
 def test_every_run_of_valid_samples_is_whitened_by_itself_and_comes_back():

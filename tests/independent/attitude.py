@@ -139,8 +139,7 @@ def steer(q, w, env, reference, dither, inertia, control):
     a, b, c = ideal[0] * scale, ideal[1] * scale, ideal[2] * scale
     top = 20.0 / step_ma
     a, b, c = min(max(a, -top), top), min(max(b, -top), top), min(max(c, -top), top)
-    steps = (np.rint(a), np.rint(b), np.rint(c))
-    return add(dither, steps, step_ma)
+    return add(dither, (np.rint(a), np.rint(b), np.rint(c)), step_ma)
 
 
 @njit(cache=True)

@@ -131,8 +131,7 @@ def test_an_extra_torque_may_ramp_and_jump():
     torque = quiet(
         np.eye(3) * 1e4, extra_time=np.array([0.0, 2.0, 2.0, 4.0]), extra_b=np.outer([0, 1.0, 3, 3], [0, 0, 1])
     )
-    at = np.array([1.0, 2.0, 3.0, 4.0, 9.0])
-    _, rate, rate_dot = dynamics.integrate(at, REST, torque, max_step=10.0)
+    _, rate, rate_dot = dynamics.integrate(np.array([1.0, 2.0, 3.0, 4.0, 9.0]), REST, torque, max_step=10.0)
     assert_allclose(rate[:, 2] * 1e4, [0.25, 1, 4, 7, 7], rtol=1e-13)  # rounding
     assert_allclose(rate_dot[:, 2] * 1e4, [0.5, 3, 3, 0, 0], rtol=1e-13, atol=1e-16)  # rounding
 

@@ -82,8 +82,7 @@ def mean_dipole(arc: Arc, time: np.ndarray, shift: float, width: float) -> np.nd
     """
     if not width:
         return dipole_at(arc, time, shift)
-    steps = np.diff(arc.edges)[:, None] * arc.dipole_b
-    total = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    total = np.concatenate([np.zeros((1, 3)), np.cumsum(np.diff(arc.edges)[:, None] * arc.dipole_b, axis=0)])
     edges = arc.edges + shift
     ends = [np.stack([np.interp(time + d, edges, c) for c in total.T], axis=1) for d in (-width / 2, width / 2)]
     return (ends[1] - ends[0]) / width
@@ -335,8 +334,7 @@ def _fit_all(found, choice, order):
     white = NoiseModel(np.zeros(0), np.array([3e-6**2]), 1.0)  # rad, only the start of the iteration
     noise, fits, before = [white] * 3, [None] * len(found), np.inf
     usable = [k for k, w in enumerate(found) if w.good.sum() >= 8]
-    samples = sum(int(found[k].good.sum()) for k in usable)
-    order = min(order, max(FEW_ORDER, samples // SAMPLES_PER_ORDER))
+    order = min(order, max(FEW_ORDER, sum(int(found[k].good.sum()) for k in usable) // SAMPLES_PER_ORDER))
     removed = sum(size for size, _ in _unknowns(choice).values()) * len(usable) // 3
     for _ in range(3 if usable else 0):
         for k in usable:

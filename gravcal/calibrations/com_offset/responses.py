@@ -183,10 +183,11 @@ def _earlier(one, there, word):
 
 
 def _deflected(frequency, damping):
-    """Linear reading per angular acceleration about each axis, on each axis."""
+    """Linear reading on each axis per angular acceleration about each, in the order of the effect's parameters."""
 
     def signal(one):
-        return {"linear": on_axes(deflection(one.wide.time, one.wide.angular_b, frequency, damping))}
+        moved = deflection(one.wide.time, one.wide.angular_b, frequency, damping)
+        return {"linear": np.einsum("nb,ac->nacb", moved, np.eye(3)).reshape(len(moved), 3, 9)}
 
     return signal
 

@@ -230,8 +230,7 @@ def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.Sp
         overlap = np.fft.irfft(arm_power, 2 * length)[:length] / energy
         for k, lag in enumerate(lags):
             covariance = overlap * lag
-            symmetric = np.concatenate([covariance, [0.0], covariance[:0:-1]])
-            model[:, k] += np.fft.rfft(symmetric).real * 2 * step
+            model[:, k] += np.fft.rfft(np.concatenate([covariance, [0.0], covariance[:0:-1]])).real * 2 * step
     used = (frequency >= FITTED_HZ[0]) & (frequency <= FITTED_HZ[1])
     power, model = power[used] / len(pieces), model[used] / len(pieces)
     known = quiet.density(frequency[used])

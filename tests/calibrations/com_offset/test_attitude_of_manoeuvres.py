@@ -59,8 +59,7 @@ def test_the_noise_free_fit_is_exact(window):
     one, fit, _, truth = window
     assert np.abs(fit.residual[one.good]).max() < 2e-7  # rad
     assert_allclose(fit.solution.scale_b[1], 1.0, atol=2e-3)
-    first = one.arc.edges[0] + fit.solution.shift
-    assert first == pytest.approx(truth["manoeuvres"][0]["start"], abs=5e-3)
+    assert (one.arc.edges[0] + fit.solution.shift) == pytest.approx(truth["manoeuvres"][0]["start"], abs=5e-3)
 
 
 @pytest.mark.parametrize("lost", [(), (40, 55), (0, 6), (150, 181)])

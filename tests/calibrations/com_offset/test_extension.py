@@ -186,3 +186,17 @@ def test_an_edge_between_two_samples_is_no_delay_and_a_delay_moves_every_row():
     late = product.assign(acc_shift=product["acc_shift"] + 0.2, acc_delay=product["acc_delay"] + 0.2)
     column = responses.edge_column("timing.accelerometer_delay", product, np.zeros(400))[:, 0]
     np.testing.assert_allclose(responses.edge_block(late).observed - rows, 0.2 * column, rtol=1e-9)
+
+
+def test_what_a_search_fits_of_a_listed_cause_is_what_its_model_adds(moving):
+    """Analytic: columns of each whole form times its parameters, whose names are in order, are rows of its entry."""
+    found, rng = moving[0], np.random.default_rng(6)
+    forms = [one for one in found.candidates if one.listed and "alone" not in one.form]
+    for one in (one for one in forms if one.cause not in ("torque.saturation", lag.CAUSE)):  # what is fitted is another
+        sizes = 1e-3 * np.array(one.prior) * rng.uniform(0.5, 1.5, len(one.names))
+        known = dict(zip(one.names, sizes, strict=True))
+        known |= dict(zip(one.shape.names, one.shape.value, strict=True)) if one.shape else {}
+        rows = found.response(Entry(one.cause, one.form, {name: Parameter(v, None, "") for name, v in known.items()}))
+        for row, part in zip(rows, one.columns, strict=True):
+            expected = 0.0 * row if part is None else part @ sizes
+            np.testing.assert_allclose(row, expected, atol=1e-3 * np.linalg.norm(expected), err_msg=one.cause)

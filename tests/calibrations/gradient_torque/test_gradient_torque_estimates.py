@@ -363,8 +363,7 @@ def test_the_printed_algorithm_returns_its_closed_form_which_is_the_bare_reading
     tensor = MEAN_MOTION**2 * np.diag([-1.0, -1.0, 2.0])
     linear = tensor @ place - drag
     angular = model.gradient_angular_acceleration(CUBE, BODY, tensor)[None]
-    pressure = np.array([0.1, 0.0, 0.0])
-    h, q_d = model.printed_vectors(BODY, CUBE, 600.0, pressure, place)
+    h, q_d = model.printed_vectors(BODY, CUBE, 600.0, np.array([0.1, 0.0, 0.0]), place)
     found, _ = model.printed_drag(linear, angular, h, q_d)
     assert np.abs(found + linear).max() < 1e-17
     assert_allclose(np.linalg.norm(found - drag), np.linalg.norm(tensor @ place), rtol=1e-6)
