@@ -7,7 +7,7 @@ import numpy as np
 
 from gravcal.discovery import attribution, trials
 from gravcal.discovery.attribution import ROUNDING, UNSEEN
-from gravcal.discovery.problem import baseline_of, extended, inverse_of, inverse_of_baseline
+from gravcal.discovery.problem import baseline_of, inverse_of, inverse_of_baseline
 from gravcal.discovery.rounds import Choice, Result
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Parameter, slug_of
@@ -106,14 +106,15 @@ def _averaged(result, used):
     problem, width = result.problem, result.shared[1].size
     named = list(itertools.compress([one.index for one in result.findings], used))
     fixed = baseline_of(problem, named)
-    fitted = (inverse_of_baseline(problem, fixed) @ problem.total[fixed, 0])[:width]
-    value, whole, shapes = fitted.copy(), problem, []
-    for one in (problem.candidates[k] for k in named):
-        if one.shape is not None and one.shape.slopes is not None:  # where it fits best, so that no value moves
-            about = {"names": one.shape.names, "units": one.shape.units, "columns": one.shape.slopes}
-            whole = extended(whole, replace(one, **about, prior=(), shape=None, spread=None))
-            shapes.append(len(whole.candidates) - 1)
-    covariance = inverse_of_baseline(whole, baseline_of(whole, [*named, *shapes]))[:width, :width]
+    inverse = inverse_of_baseline(problem, fixed)
+    fitted, covariance = (inverse @ problem.total[fixed, 0])[:width], inverse[:width, :width]
+    value, shapes = fitted.copy(), (problem.candidates[k].shape for k in named)
+    for slopes in (one.slopes for one in shapes if one is not None and one.slopes is not None):
+        parts = zip(problem.columns, problem.bases, slopes, strict=True)  # at their best, so that no value moves
+        parts = [(b.of(fixed), s - q @ (q.T @ s)) for b, q, s in parts if s is not None]
+        cross, inner = sum(b.T @ s for b, s in parts), sum(s.T @ s for _, s in parts)
+        seen = (inverse @ cross)[:width]
+        covariance = covariance + seen @ inverse_of(inner - cross.T @ inverse @ cross) @ seen.T
     for position, one in enumerate(itertools.compress(result.findings, used)):
         others = [*named[:position], *named[position + 1 :]]
         causes, forms = {one.cause, *one.tied}, {(own.cause, own.form) for own in one.imitators}

@@ -81,9 +81,9 @@ law("phase_centre_drift", _SPEED, "a millimetre a day; assumed, no source prints
 )
 _SQUARE = each(_PLACES, "m rad-2", "excess of the reading over the square of {0}", 5e-4)
 _PLANES = "phase centre that differs by twice this between the planes; assumed, no source prints one"
-# Phase front that is no sphere about the phase centre; the sum of both axes of a satellite is its x.
+# Phase front that is no sphere about the phase centre, in the direction cosines that y and z are the first order of.
 law("phase_centre_curvature", _SQUARE, _PLANES)(
-    lambda context, values: context.extra["angle"].reshape(-1, 4) ** 2 @ np.asarray(values)
+    lambda context, values: context.extra["line_of_sight_b"][:, :, [2, 1]].reshape(-1, 4) ** 2 @ np.asarray(values)
 )
 _TURN = each(_PLACES, "rad", "error of the attitude, {0},", 3e-4)
 

@@ -427,8 +427,7 @@ def fit_detrended(segments: list[np.ndarray], clean: Callable, order: int, step_
     density = list(wanted)
     for _ in range(ROUNDS):
         models = [from_density(d, order, step_s) for d in density]
-        kept = _kept(models, segments, clean, rng, frequency)
-        density = [w / k for w, k in zip(wanted, kept, strict=True)]
+        density = [w / k for w, k in zip(wanted, _kept(models, segments, clean, rng, frequency), strict=True)]
     return [from_density(d, order, step_s) for d in density]
 
 

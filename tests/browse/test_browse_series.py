@@ -18,8 +18,7 @@ def written(path, x, values):
     """First column of a variable in a file."""
     data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
     product.write(data, path)
-    variable = series.listed(path)["v"]
-    coordinate, kind, _ = series.coordinate(path, variable)
+    coordinate, kind, _ = series.coordinate(path, series.listed(path)["v"])
     assert kind == "time"
     return series.series(path, "v", 0, coordinate)
 
@@ -43,8 +42,7 @@ def test_a_narrow_view_is_the_data_themselves(tmp_path):
     """Contract: fewer samples than the screen has places are drawn as they are, one more at each side."""
     x, rng = 7e8 + 0.1 * np.arange(200_000), np.random.default_rng(1)
     values = rng.standard_normal((200_000, 1))
-    whole = written(tmp_path / "product.nc", x, values)
-    drawn, y = series.view(whole, x[1000], x[1100])
+    drawn, y = series.view(written(tmp_path / "product.nc", x, values), x[1000], x[1100])
     assert drawn.tolist() == x[999:1102].tolist()
     assert y.tolist() == values[999:1102, 0].tolist()
 

@@ -256,7 +256,10 @@ def waves(rng, frequency, size):
 
 
 def test_a_shape_is_fitted_between_the_grid_and_a_strong_wave_is_one_name():
-    """Recovery: frequency and size, squared errors over variance of 20 draws to 0.01 %; at 40 sigma one name alone."""
+    """Recovery: frequency and size, squared errors over variance of 20 draws to 0.01 %; at 40 sigma one name alone.
+
+    The calibration has the error of a fit with a free frequency where it looks like a change of that.
+    """
     rng, errors = np.random.default_rng(21), []
     for _ in range(20):
         frequency = rng.uniform(0.1, 0.2)
@@ -268,9 +271,19 @@ def test_a_shape_is_fitted_between_the_grid_and_a_strong_wave_is_one_name():
     total = np.sum(np.square(errors), axis=0)
     assert np.all(total < 52.4)
     assert np.all(total > 4.4)
-    result = search(*waves(np.random.default_rng(5), 0.1511, 3.0), CHOICE, np.random.default_rng(1))
-    (found,) = result.findings
+    blocks, forms = waves(np.random.default_rng(5), 0.1511, 3.0)
+    (found,) = (result := search(blocks, forms, CHOICE, np.random.default_rng(1))).findings
     assert abs(result.problem.candidates[found.index].shape.value[0] - 0.1511) < 1e-4
+    slope = [np.arange(300.0) * np.cos(2 * np.pi * 0.1511 * np.arange(300.0) + k) / 100 for k in range(4)]
+    pairs = zip(blocks, slope, strict=True)
+    blocks = [replace(b, global_columns=b.global_columns + s[:, None], observed=b.observed + s) for b, s in pairs]
+    sigma = delivered(search(blocks, forms, CHOICE, np.random.default_rng(1)), CHOICE, 1).sigma[1][0]
+    whole = [
+        np.column_stack([b.global_columns, f, s]) for b, f, s in zip(blocks, forms[50].columns, slope, strict=True)
+    ]
+    free, held = (np.linalg.inv(sum(w[:, :k].T @ w[:, :k] for w in whole))[0, 0] ** 0.5 for k in (3, 2))
+    assert sigma == pytest.approx(free, rel=0.05)
+    assert free > 1.2 * held
 
 
 def test_forms_that_the_data_leave_open_are_in_the_error_of_the_calibration():

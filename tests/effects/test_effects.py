@@ -229,7 +229,7 @@ CONTEXT = Context(time=TIME, extra=EXTRA)
         ("attitude.star_camera_noise", {"share_10_20_mhz": 0.5}, 0.5 * np.arange(5)),
         ("ranging.phase_centre", {"z_a": 1e-3, "x_b": 1e-3}, np.full(5, -0.00102)),
         ("ranging.phase_centre_drift", {"z_a": 1e-8, "x_b": 1e-8}, -1.02e-8 * TIME),
-        ("ranging.phase_centre_curvature", {"pitch_a": 1e-3}, 1e-3 * (RIPPLE * TIME / 4) ** 2),
+        ("ranging.phase_centre_curvature", {"pitch_a": 1e-3, "yaw_b": 1e-2}, np.full(5, 1.4e-6)),
         ("ranging.slow_orbit_error", {"cosine": 1e-3}, [1e-3, -1e-3, 1e-3, -1e-3, 1e-3]),
         ("ranging.star_camera_misalignment", {"pitch_a": 1e-3, "yaw_b": 1e-3}, np.full(5, 1.445e-5 - 2.3e-12)),
         ("ranging.once_per_revolution", {"sine": 1e-3}, [0, 1e-3, 0, -1e-3, 0]),

@@ -114,8 +114,7 @@ def test_offsets_of_all_dates_come_back():
 def test_papers_name_sections_that_there_are_and_reports_have(tmp_path):
     """Contract: what a paper names is in the catalogue, its calibration can recompute it, unknown names are usage."""
     for name, paper in reproduce.papers().items():
-        one = calibration.load(name)
-        assert one.recomputed is not None
+        assert calibration.load(name).recomputed is not None
         chosen = catalog.parameters(name).with_settings(paper["as_printed"])
         assert chosen.calibration == name
         catalog.parameters(f"simulate_{name}").with_settings(paper["simulate"])

@@ -17,8 +17,7 @@ ANGULAR = {  # rad s-2 Hz-1/2
 def density(table, frequency_hz):
     """Density at frequencies, straight in log-log, flat outside the table."""
     knots, values = table
-    safe = np.maximum(frequency_hz, 1e-6)
-    return np.exp(np.interp(np.log(safe), np.log(knots), np.log(values)))
+    return np.exp(np.interp(np.log(np.maximum(frequency_hz, 1e-6)), np.log(knots), np.log(values)))
 
 
 def coloured(rng, count, tables, rate_hz=10.0):

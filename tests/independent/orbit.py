@@ -28,8 +28,7 @@ class Orbit:
 
     def gradient(self, seconds):
         """Gravity gradient (n, 3, 3) in s-2 of the oblate Earth, GCRS axes."""
-        local = self.solution(np.asarray(seconds, float))[:3].T
-        return self.to_gcrs @ oblate_gradient(local) @ self.to_gcrs.T
+        return self.to_gcrs @ oblate_gradient(self.solution(np.asarray(seconds, float))[:3].T) @ self.to_gcrs.T
 
     def reference(self, seconds):
         """Rotation SRF to GCRS with x along the line of sight and z to nadir."""

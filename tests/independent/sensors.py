@@ -27,8 +27,7 @@ def truth_at_proof_mass(scene):
     p, w = np.tile(-1e-6 * np.asarray(scene.world.settings.offset_um, float), (len(scene.t), 1)), scene.rate
     spin = np.cross(w, np.cross(w, p)) + np.cross(scene.rate_dot, p)
     turn = scene.rotation
-    gradient = scene.world.orbit.gradient(scene.t)
-    tidal = turn.inv().apply(np.einsum("nij,nj->ni", gradient, turn.apply(p)))
+    tidal = turn.inv().apply(np.einsum("nij,nj->ni", scene.world.orbit.gradient(scene.t), turn.apply(p)))
     return scene.world.force(scene.t) + spin - tidal
 
 

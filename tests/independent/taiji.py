@@ -51,8 +51,7 @@ def torque_wave(t, period):
     square = np.where((x >= 0) & (x < 200.0 // period * period), np.sign(np.cos(2 * np.pi * x / period)), 0.0)
     kernel = np.ones(int(SWING["rise_s"] / STEP * 2))
     smooth = np.convolve(np.convolve(square, kernel / kernel.sum(), "same"), kernel / kernel.sum(), "same")
-    area = np.cumsum((smooth + np.roll(smooth, 1)) / 2) * STEP / 2
-    return np.interp(t, x, smooth), np.interp(t, x, area)
+    return np.interp(t, x, smooth), np.interp(t, x, np.cumsum((smooth + np.roll(smooth, 1)) / 2) * STEP / 2)
 
 
 def rates(kind, t, rng, mean):

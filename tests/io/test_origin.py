@@ -27,8 +27,7 @@ def written(folder, letter="C", release="04"):
     columns |= {f"torque{n}{coil}": np.zeros(3) for n in (1, 2, 3) for coil in "AB"}
     columns |= {f"{name}{axis}_RAW": np.zeros(3) for axis in "XYZ" for name in ("Mf", "Mfv")}
     columns |= {name: np.zeros(3) for name in ("torque_cal", "MT1", "MT2", "MT3")}
-    path = folder / f"MAG1B_2020-02-05_{letter}_{release}.txt"
-    return writers.write(RECORDS | columns, path)
+    return writers.write(RECORDS | columns, folder / f"MAG1B_2020-02-05_{letter}_{release}.txt")
 
 
 def flown(path):

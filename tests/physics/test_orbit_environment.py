@@ -33,8 +33,7 @@ def test_the_shadow_lies_behind_the_earth_and_warmth_lags_behind_it():
     time = 6e8 + np.arange(0.0, 9000.0, 5.0)
     position = np.where((time < 6e8 + 6000)[:, None], 7e6 * sun, -7e6 * sun)
     found = orbit_environment.warmth(time[time > 6e8 + 6100], time, position)
-    elapsed = time[time > 6e8 + 6100] - 6e8 - 6000
-    assert_allclose(found, np.exp(-elapsed / 600.0), atol=0.03)
+    assert_allclose(found, np.exp(-(time[time > 6e8 + 6100] - 6e8 - 6000) / 600.0), atol=0.03)
 
 
 def test_the_dipole_axis_points_to_the_south_of_greenland_and_away():

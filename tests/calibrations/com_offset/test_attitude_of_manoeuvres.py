@@ -30,8 +30,7 @@ def window():
     inertia, per_current = np.array(satellite["inertia"]), np.array(satellite["dipole_per_current"])
     (one,) = attitude.windows(made["align"], made["field"], inertia, per_current, True)
     white = [NoiseModel(np.zeros(0), np.array([SIGMA**2]), 1.0)] * 3
-    fit = attitude.fit_attitude(one, white, CHOICE)
-    return one, fit, white, truth
+    return one, attitude.fit_attitude(one, white, CHOICE), white, truth
 
 
 def turned(arc, solution, time):
