@@ -2,6 +2,7 @@
 
 import ast
 import re
+import tomllib
 from functools import cache
 from pathlib import Path
 
@@ -94,3 +95,10 @@ def test_the_false_alarms_of_the_suite_are_stated():
     assert len(stated) > 25
     assert sum(stated.values()) < 0.009
     assert "add up to less than 0.9 %" in (ROOT / "docs" / "architecture.md").read_text()
+
+
+def test_every_mutant_of_the_benchmark_changes_a_line_that_stands_there_once():
+    """Rule: what is gone is no mutant; `python -m benchmarks mutants` would count it as missed."""
+    for path, entry in tomllib.loads((ROOT / "benchmarks" / "mutants.toml").read_text()).items():
+        text = (ROOT / "gravcal" / path).read_text()
+        assert [old for old, *_ in entry["mutants"] if text.count(old) != 1] == [], path

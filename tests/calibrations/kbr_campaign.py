@@ -78,5 +78,4 @@ def true_mm(truth):
 
 def sigma_mm(combined, subset=0, estimator=0):
     """Standard deviations (observable, 6) mm."""
-    covariance = combined["covariance"].values[:, subset, estimator]
-    return 1e3 * np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
+    return 1e3 * np.sqrt(np.diagonal(combined["covariance"].values[:, subset, estimator], axis1=-2, axis2=-1))

@@ -23,8 +23,7 @@ def kill_at_random(arguments):
         child = os.fork()
         if child == 0:
             sys.argv = ["gravcal", *arguments[2:]]
-            null = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(null, 1)
+            os.dup2(os.open(os.devnull, os.O_WRONLY), 1)
             cli.main()
         time.sleep(source.uniform(0.0, limit))
         os.kill(child, signal.SIGKILL)

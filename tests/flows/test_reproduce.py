@@ -115,8 +115,7 @@ def test_papers_name_sections_that_there_are_and_reports_have(tmp_path):
     """Contract: what a paper names is in the catalogue, its calibration can recompute it, unknown names are usage."""
     for name, paper in reproduce.papers().items():
         assert calibration.load(name).recomputed is not None
-        chosen = catalog.parameters(name).with_settings(paper["as_printed"])
-        assert chosen.calibration == name
+        assert catalog.parameters(name).with_settings(paper["as_printed"]).calibration == name
         catalog.parameters(f"simulate_{name}").with_settings(paper["simulate"])
         sections = catalog.published(name)
         for item in [*paper["tables"], *paper["figures"]]:

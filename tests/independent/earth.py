@@ -49,5 +49,4 @@ def gcrs_to_earth(date, seconds):
     tt = (knots + TT_MINUS_GPS) / 86400
     xys = [np.interp(gps, knots, row) for row in erfa.xys06a(J2000, tt)]
     angle = erfa.era00(J2000, (gps + ut1_minus_gps) / 86400)
-    pole = erfa.pom00(xp, yp, erfa.sp00(J2000, gps.mean() / 86400))
-    return erfa.c2tcio(erfa.c2ixys(*xys), angle, pole)
+    return erfa.c2tcio(erfa.c2ixys(*xys), angle, erfa.pom00(xp, yp, erfa.sp00(J2000, gps.mean() / 86400)))

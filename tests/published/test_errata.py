@@ -221,8 +221,7 @@ def test_noise_and_range_contradict_the_tables_and_rolling_about_y_leaves_one_su
     T-9: constant columns of b_y and a_ng,y are one; sunlight of 3e-8 m/s2 is above the printed error of b_y.
     """
     rows = {one.factor: one.value for one in catalog.published("inertial_sensor")["scale_factors"]}
-    text = scalars("inertial_sensor")
-    assert 2e-5 * rows["k_y"][1] > float(text["acceleration_noise_y_in_orbit_max"])
+    assert 2e-5 * rows["k_y"][1] > float(scalars("inertial_sensor")["acceleration_noise_y_in_orbit_max"])
     assert 2e-5 * np.sqrt(2) * rows["k_z"][2] > 3e-9
     (bias,), _ = printed("inertial_sensor", "bias", component="x")
     assert abs(bias) > 8 * 3e-5

@@ -71,8 +71,7 @@ def test_only_the_x_trim_shows_in_the_series_whose_days_count_from_the_launch():
         axis = "xyz".index(trim.axis)
         before = [r for r in history if r.date < trim.date.isoformat()][-1].value[axis]
         after = next(r for r in history if r.date > trim.date.isoformat()).value[axis]
-        missed = abs(before + trim.trim_um - after)
-        assert (missed < 15) == trim.confirmed, trim
+        assert (abs(before + trim.trim_um - after) < 15) == trim.confirmed, trim
         assert f"{before + trim.trim_um:.1f} um" in trim.note
     assert len(catalog.trims("C")) == 4
     assert catalog.trims("D") == ()
