@@ -101,7 +101,8 @@ def client(url):
     """Prefect's settings of a client of a server."""
     from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL
 
-    return ({PREFECT_API_AUTH_STRING: os.environ[AUTH]} if AUTH in os.environ else {}) | {PREFECT_API_URL: url}
+    known = {PREFECT_API_AUTH_STRING: os.environ[AUTH]} if AUTH in os.environ else {}
+    return known | {PREFECT_API_URL: url}
 
 
 @dataclass(frozen=True)

@@ -7,7 +7,7 @@ import numpy as np
 
 from gravcal.discovery import attribution, trials
 from gravcal.discovery.attribution import ROUNDING, UNSEEN
-from gravcal.discovery.problem import baseline_of, inverse_of, inverse_of_baseline
+from gravcal.discovery.problem import baseline_of, best_fit, inverse_of, inverse_of_baseline
 from gravcal.discovery.rounds import Choice, Result
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Parameter, slug_of
@@ -110,11 +110,8 @@ def _averaged(result, used):
     fitted, covariance = (inverse @ problem.total[fixed, 0])[:width], inverse[:width, :width]
     value, shapes = fitted.copy(), (problem.candidates[k].shape for k in named)
     for slopes in (one.slopes for one in shapes if one is not None and one.slopes is not None):
-        parts = zip(problem.columns, problem.bases, slopes, strict=True)  # at their best, so that no value moves
-        parts = [(b.of(fixed), s - q @ (q.T @ s)) for b, q, s in parts if s is not None]
-        cross, inner = sum(b.T @ s for b, s in parts), sum(s.T @ s for _, s in parts)
-        seen = (inverse @ cross)[:width]
-        covariance = covariance + seen @ inverse_of(inner - cross.T @ inverse @ cross) @ seen.T
+        moved, left = best_fit(problem, fixed, slopes)  # it fits best there, so that no value moves
+        covariance = covariance + moved[:width] @ inverse_of(sum(one.T @ one for one in left)) @ moved[:width].T
     for position, one in enumerate(itertools.compress(result.findings, used)):
         others = [*named[:position], *named[position + 1 :]]
         causes, forms = {one.cause, *one.tied}, {(own.cause, own.form) for own in one.imitators}

@@ -248,11 +248,16 @@ def residuals_of(
     problem: Problem, baseline: np.ndarray, noise: list[np.ndarray], *, over: bool = False
 ) -> list[np.ndarray]:
     """Signals (n, d) a block less the best fit of own and baseline columns; written over them where that is wanted."""
+    return best_fit(problem, baseline, noise, over=over)[1]
+
+
+def best_fit(problem: Problem, baseline: np.ndarray, noise, *, over: bool = False) -> tuple[np.ndarray, list]:
+    """Baseline parameters (p, d) beside own columns in signals (n, d) a block, and what that leaves of these."""
     pairs = zip(noise, problem.bases, strict=True)
     rest = [np.subtract(e, q @ (q.T @ e), out=e if over else None) for e, q in pairs]
     right = sum(c.of(baseline).T @ r for c, r in zip(problem.columns, rest, strict=True))
     value = inverse_of_baseline(problem, baseline) @ right
-    return [np.subtract(r, c.of(baseline) @ value, out=r) for c, r in zip(problem.columns, rest, strict=True)]
+    return value, [np.subtract(r, c.of(baseline) @ value, out=r) for c, r in zip(problem.columns, rest, strict=True)]
 
 
 def inverse_of_baseline(problem: Problem, baseline: np.ndarray) -> np.ndarray:

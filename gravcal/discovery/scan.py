@@ -59,7 +59,8 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
         gain += [*np.moveaxis(np.where(seen, 1 / np.where(seen, alone, 1.0), 0.0)[:, :, None] * right**2, 1, 0)]
         free = np.array([inner.shape[1], *[1] * inner.shape[1]])
         dof.append(np.repeat(free, len(own)))
-        at.append(np.tile(list(problem.blocks[i if i >= 0 else parts[0][0]].steps)[: len(own)], free.size))
+        epochs = list(problem.blocks[i if i >= 0 else parts[0][0]].steps)[: len(own)]
+        at.append(np.tile(epochs, free.size))
         place.append(np.full(dof[-1].size, i))
     gain = np.concatenate(gain) if gain else np.zeros((0, rest[0].shape[1]))
     return Scan("step", "linear", *map(np.concatenate, (place, at)), gain, np.concatenate(dof))

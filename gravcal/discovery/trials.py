@@ -449,7 +449,7 @@ def _with_errors(candidate: Candidate, value, beside):
     shape, parts = candidate.shape, candidate.shape.columns(value)
     _, size = beside.gain(parts)
     slopes = [_slope(shape, value, k, size) for k in range(value.size)]
-    bent = [None if p is None else np.column_stack([s[i] for s in slopes]) for i, p in enumerate(parts)]
+    bent = [np.column_stack([0 * r if s[i] is None else s[i] for s in slopes]) for i, r in enumerate(beside.rest)]
     inner, _ = beside.products([None if p is None else np.hstack([p, b]) for p, b in zip(parts, bent, strict=True)])
     joint, count = inverse_of(inner), size.size
     alone = inverse_of(inner[:count, :count])

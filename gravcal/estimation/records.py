@@ -58,7 +58,7 @@ class Shape:
     sized: bool = False  #: True if the first of the values is the size of the cause itself
     covariance: np.ndarray | None = None  #: (s, s) once it is refined, None before
     chosen: np.ndarray | None = None  #: (b,) of `inside` then
-    slopes: list[np.ndarray | None] | None = None  #: (n, s) by these values, of what was found, once it is refined
+    slopes: list[np.ndarray] | None = None  #: (n, s) by these values, of what was found, once it is refined
     words: str = ""  #: of the form, before the values
 
     @property

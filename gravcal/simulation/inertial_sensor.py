@@ -161,7 +161,8 @@ def measured_noise(_usual, _known, scaled, moved) -> dict:
 
 def draw(satellite: Mapping, chosen, rng) -> Truth:
     """True numbers around those of the settings; mass, inertia, arms and k_y of the catalogue or from their prior."""
-    beta = np.array(chosen.angular_factor) * (1 + chosen.factor_scatter * rng.standard_normal(2))[[0, 1, 1]]
+    share = 1 + chosen.factor_scatter * rng.standard_normal(2)
+    beta = np.array(chosen.angular_factor) * share[[0, 1, 1]]
     spread = chosen.divisor_scatter * rng.standard_normal(5)
     mass = satellite["test_mass"] + satellite["test_mass_sigma"] * spread[0]
     inertia, inertia_sigma = (np.array(satellite[f"test_mass_inertia{end}"]) for end in ("", "_sigma"))

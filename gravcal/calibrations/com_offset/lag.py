@@ -157,7 +157,7 @@ def _tau(entry):
 
 def known_lead(one: Manoeuvre, entry: Entry) -> float | None:
     """Lead s in a manoeuvre, None where the entry does not know it."""
-    return next((each.lead for each in entry.leads if abs(each.start - float(one.time[0])) < 5.0), None)
+    return next((each.lead for each in entry.leads if abs(each.start - one.time[0]) < 5.0), None)
 
 
 def whitened_edges(smoothed: xr.Dataset, delays: np.ndarray) -> np.ndarray:

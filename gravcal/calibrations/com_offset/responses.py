@@ -453,15 +453,13 @@ def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry])
     """Aligned records without the effects of a model, so that the baseline describes what is left.
 
     To first order in the effects: readings less their contribution, attitude less the rotation that an extra torque
-    makes, tags less their delay. Nothing outside the manoeuvres and their pads changes but the tags, and
-    what follows a step, which stays.
+    makes, tags less their delay. Beyond the manoeuvres and their pads only tags change, and what follows a step.
     """
-    extended, step = aligned.copy(deep=True), effect(STEP)
+    extended, step, there = aligned.copy(deep=True), effect(STEP), Context(time=aligned["time_acc"].values)
     for entry in sorted(model, key=lambda e: e.cause == lag.CAUSE):  # what is left says where edges fall
         if entry.cause == STEP:
             *sizes, at = step.values(entry.values)
             for one in [lead.start + lead.lead for lead in entry.leads] or [at]:
-                there = Context(time=extended["time_acc"].values)
                 extended["linear_b"].values -= step.contribution(there, [*sizes, one])
             continue
         turns = entry.listed and effect(entry.cause).channel in ("dipole_b", "torque_b")

@@ -130,11 +130,6 @@ class InertialSensor(records.Observations):
         return records.Block.of("known beforehand", np.zeros(1), "prior", 1, time, shared=column)
 
     @property
-    def model(self) -> str:
-        """Causes that were taken out of the records."""
-        return (self.swing.aligned if self.swing else self.roll.products["segment"]).attrs.get("model", "")
-
-    @property
     def swung(self) -> int:
         """Number of blocks of the swing, which are the first."""
         return sum(block.channel[0] in SwingView.channels for block in self.blocks)
@@ -179,7 +174,8 @@ class InertialSensor(records.Observations):
         where no q is such.
         """
         found = super().physical(entry, fitted)
-        if entry.cause == QUADRATIC and entry.cause not in self.model:
+        record = self.swing.aligned if self.swing else self.roll.products["segment"]
+        if entry.cause == QUADRATIC and entry.cause not in record.attrs.get("model", ""):
             volts = (self.swing or self.roll).context().extra["volts"]
             means = {a: volts[:, row > 0].mean() for a, row in zip("xyz", electrodes.READOUT, strict=False)}
             bent = {a: max(1 - 4 * p.value * means[a], 0.0) or np.nan for a, p in found.parameters.items()}

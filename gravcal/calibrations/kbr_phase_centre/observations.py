@@ -150,7 +150,7 @@ class Ranging(records.Observations):
         known = effect(entry.cause)
         added = np.nan_to_num(known.contribution(self.view.context, known.values(entry.values)))
         rows = self.view.white(self.view.through(added[:, None]))
-        return [*(one[:, 0] for one in rows[:-1]), *(np.zeros(block.time.size) for block in self.blocks[-1:])]
+        return [np.zeros(b.time.size) if r is None else r[:, 0] for r, b in zip(rows, self.blocks, strict=True)]
 
     def near(self, fitted: records.Fitted) -> list[records.Candidate]:
         """Phase breaks at epochs near that of a finding."""
