@@ -29,13 +29,13 @@ ANY_PRODUCT, RESULTS = ["*"], ["*.discovery", "*.combine|*.drag"]
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=29, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=30, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
     return driver.discover(observations_of(products, observations, names, settings), _limits(limits))
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=29, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=30, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
     observed = observations_of(products, observations, names, settings)
@@ -57,7 +57,7 @@ def limits(found, *products, calibration, observations, names, settings, **limit
     return driver.with_limits(found, observations_of(given, observations, names, settings), _limits(limits), say)
 
 
-@stage(reads=ANY_PRODUCT, writes="{records}", version=4, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{records}", version=5, also=["{observations}"])
 def extend(*products, records, observations, names, model, settings):
     """Records without the effects of an extended model."""
     observed, given = observations_of(products, observations, names, settings), entries(json.loads(model))
@@ -65,7 +65,7 @@ def extend(*products, records, observations, names, model, settings):
     return _without(observed, products, records, names, given)
 
 
-@stage(reads=ANY_PRODUCT, writes="{records}", version=5, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{records}", version=6, also=["{observations}"])
 def extend_by(found, *products, records, observations, names, settings, tentative):
     """Records without what was found in them; what is not adopted is taken out tentatively only."""
     model = _model(found, tentative)
@@ -103,7 +103,10 @@ def observations_of(products, observations, names, settings):
 
 def _model(found, tentative=True):
     outcome = outcome_of(found)
-    return [entry for one in outcome.findings if tentative or one.adopted for entry in one.entries] if outcome else []
+    findings = outcome.findings if outcome else []
+    if tentative and "believed" in found.attrs:  # of several that describe the record worse, taken out together
+        findings = findings[: int(found.attrs["believed"])]
+    return [entry for one in findings if tentative or one.adopted for entry in one.entries]
 
 
 def _without(observed, products, records, names, model):

@@ -34,7 +34,7 @@ def scale(aligned, **settings):
     return estimating.scale(aligned, **settings)
 
 
-@stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=4)
+@stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=5)
 def offset(aligned, scaled, **settings):
     """Centre of mass to test mass."""
     return estimating.offset(aligned, scaled, **settings)

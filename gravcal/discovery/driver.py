@@ -77,7 +77,7 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
         return first
     result, found = _searched(observed, limits, model, before.calibration_change.before)
     if not found.adequate_after and found.p_after < before.p_after:
-        return first
+        return first.assign_attrs(believed="1")
     known = {"p_before": before.p_before, "p_quiet_before": before.p_quiet_before, "tried": before.tried}
     found = replace(found, adequate_before=before.adequate_before, **known)
     return _product(observed, limits, result, found).assign_attrs(rebuilt="yes")
@@ -104,8 +104,6 @@ def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits
     if observed is None:
         return found
     left = np.column_stack([found["residual_after"].values, found["found_columns"].values])
-    if observed.interleaved:  # rows of a product, as they are in each block
-        left = left[np.argsort(_order(observed.blocks)[2])]
     left = np.split(left, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
     rows = detection_limits(observed, left, _choice(observed, limits), say)
     return tabled(found, replace(outcome.outcome_of(found), limits=tuple(rows)))
@@ -268,45 +266,14 @@ def _product(observed, limits, result, found):
         rest = residuals_of(result.problem, baseline_of(result.problem, others), rows)
         without.append([part[:, 0] for part in rest])
     columns = [part.of(result.baseline[result.problem.shared.stop - 1 :]) for part in result.problem.columns]
-    given = [*without, columns]
-    whole, given = _joined(result, given) if observed.interleaved else (result, given)
-    *without, columns = given
     channels = observed.readable or observed.channels
     ends = np.cumsum([len(result.problem.candidates[one.index].names) for one in result.findings])
     acts = list(zip(*([bool(c.any()) for c in np.split(part, ends[:-1], axis=1)] for part in columns), strict=True))
-    places = clearest(whole, channels, limits.level, without, acts)
-    shown = variables(whole, places, observed.reading, without, observed.contiguous)
+    places = clearest(result, channels, limits.level, without, acts)
+    shown = variables(result, places, observed.reading, without, observed.contiguous)
     shown["found_columns"] = np.concatenate(columns)
     found = replace(found, readings=outcome.Readings(places, [*observed.periods]))
-    return dataset(whole, found, observed.channels, shown)
-
-
-def _order(blocks: list[Block]) -> tuple[list[str], np.ndarray, np.ndarray]:
-    """Records that interleaved blocks are stretches of, number of it (n,), and the rows (n,) by record, axis, time."""
-    names = [block.label.split()[0] for block in blocks]
-    records = list(dict.fromkeys(names))
-    number = np.repeat([records.index(name) for name in names], [block.time.size for block in blocks])
-    time, axis = (np.concatenate([getattr(block, name) for block in blocks]) for name in ("time", "axis"))
-    return records, number, np.lexsort([time, axis, number])
-
-
-def _joined(result: Result, given: Sequence) -> tuple[Result, list]:
-    """Result with the stretches of each record as one block, for the product, and what is given by block likewise."""
-    parts = result.problem.blocks
-    records, number, order = _order(parts)
-    cuts = np.flatnonzero(np.diff(number[order])) + 1
-    joined = lambda rows: np.split(np.concatenate(rows)[order], cuts)  # noqa: E731
-    rows = (joined([getattr(part, name) for part in parts]) for name in ("observed", "channel", "axis", "time"))
-    blocks = []
-    for name, own, *about in zip(records, *rows, strict=True):
-        nothing = np.zeros((own.size, 0))
-        blocks.append(Block(name, own, nothing, nothing, *about))
-    tests = [
-        replace(test, rest=joined(test.rest), rows=[replace(r, block=r.block.split()[0]) for r in test.rows])
-        for test in (result.before, result.after)
-    ]
-    whole = replace(result, problem=replace(result.problem, blocks=blocks), before=tests[0], after=tests[1])
-    return whole, [joined(one) for one in given]
+    return dataset(result, found, observed.channels, shown)
 
 
 #: Frequencies tried round a peak, in quarters of what the longest record tells apart; how much more than at the first

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gravcal.discovery import attribution, trials
-from gravcal.discovery.attribution import ROUNDING, UNSEEN
+from gravcal.discovery.attribution import ROUNDING, SEEN, UNSEEN
 from gravcal.discovery.problem import baseline_of, best_fit, inverse_of, inverse_of_baseline
 from gravcal.discovery.rounds import Choice, Result
 from gravcal.estimation import chi2_tail
@@ -131,6 +131,7 @@ def _over_forms(problem, others, tried, about):
     width, gram = value.size, attribution.projected(problem.total, baseline)
     mean, moment = np.zeros(width), np.zeros((width, width))
     rows = [(*_evidence(problem, gram, k), k) for k in sorted(tried)]
+    rows = [(score + _odds(problem, k), size, k) for score, size, k in rows]
     rows = [one for one in rows if one[0] > max(rows)[0] - UNLIKELY]
     weight = np.exp(np.array([score for score, *_ in rows]) / 2 - max(rows, default=(0,))[0] / 2)
     weight = weight / weight.sum()
@@ -148,6 +149,13 @@ def _over_forms(problem, others, tried, about):
     return mean, moment
 
 
+def _odds(problem, index):
+    """Twice the logarithm of the odds of a candidate beforehand: those in no list share less, and are many."""
+    listed = problem.candidates[index].listed
+    alike = sum(one.listed == listed for one in problem.candidates)
+    return 2 * np.log(trials.SHARES["listed" if listed else "unknown"] / alike)
+
+
 def _evidence(problem, gram, index):
     """Twice the logarithm of the evidence of a candidate over that of none, and its most likely size over its prior.
 
@@ -157,8 +165,8 @@ def _evidence(problem, gram, index):
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
     if prior.size == place.stop - place.start:
-        known, vectors = np.linalg.eigh(gram[place, place] * np.outer(prior, prior))
-        known, right = np.maximum(known, 0.0), (vectors.T @ (prior * gram[place, 0])) ** 2
+        known, vectors, real = _directions(problem, gram, place, prior)
+        known, right = known[real], ((vectors.T @ (prior * gram[place, 0])) ** 2)[real]
         more = 1 + np.outer(BEYOND**2, known)
         score = np.sum(BEYOND[:, None] ** 2 * right / more - np.log(more), axis=1) + 2 * np.log(ODDS)
         return float(2 * np.logaddexp.reduce(score / 2)), float(BEYOND[np.argmax(score)])
@@ -205,7 +213,7 @@ def _unseen(problem, gram, baseline, index, width, sized):
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
     inverse = inverse_of_baseline(problem, baseline)
-    known, vectors, real = _directions(problem, gram, place, prior)
+    known, vectors, real = _directions(problem, gram, place, prior, ROUNDING)
     hidden = known < UNSEEN**2
     square, share = sized(known[~hidden], (vectors.T @ (prior * gram[place, 0]))[~hidden] ** 2 / known[~hidden])
     shift = (inverse @ problem.total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
@@ -236,11 +244,11 @@ def _with(problem, baseline, index, size):
     return inverse_of_baseline(problem, baseline) @ right
 
 
-def _directions(problem, gram, place, prior):
-    """Information (q,) on directions (q, q) of a candidate in units of its prior, and whether it is above rounding."""
+def _directions(problem, gram, place, prior, least=SEEN**2):
+    """Information (q,) on directions (q, q) of a candidate in units of its prior, and whether a share of it is seen."""
     whole, left = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
     known, vectors = np.linalg.eigh(left)
-    return known, vectors, known > ROUNDING * np.einsum("qk,qr,rk->k", vectors, whole, vectors)
+    return known, vectors, known > least * np.einsum("qk,qr,rk->k", vectors, whole, vectors)
 
 
 def named_parameters(result: Result, position: int) -> dict[str, Parameter]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.discovery import adequacy, attribution, trials
+from gravcal.discovery import adequacy, attribution, scan, trials
 from gravcal.discovery.problem import (
     Problem,
     baseline_of,
@@ -18,6 +18,7 @@ from gravcal.discovery.problem import (
     inverse_of_baseline,
     prepare,
 )
+from gravcal.effects import catalogue
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.noise import Spectrum
 from gravcal.estimation.outcome import Imitator, Outlier, Separation
@@ -179,6 +180,9 @@ def _best(problem, used, rows, choice):
         grown, index = trials.refined(grown, baseline_of(grown, used), index)
         if trial.kind == "step" and trial.place < 0 and not _agreed(grown, used, index):
             continue
+        trial = _with_noise_error(grown, used, index, trial, choice)
+        if not trial.significance < choice.level or not _possible(grown, used, index):
+            continue
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
         if gain > 0:
             if trial.kind == "step":
@@ -186,6 +190,31 @@ def _best(problem, used, rows, choice):
                 trial = trial._replace(at=at, at_sigma=at_sigma)
             return grown, (index, trial)
     return problem, None
+
+
+def _possible(problem, used, index):
+    """Whether a listed cause has a meaning in the size that it is found with: no scale is negative."""
+    candidate, found = problem.candidates[index], attribution.beside(problem, used, index)
+    known = catalogue().get(slug_of(candidate.cause))
+    least = {one.name: one.lower for one in known.parameters} if known else {}
+    least = np.array([least.get(name, -np.inf) for name in candidate.names])
+    return bool(np.all(found.value + CLEAR * np.sqrt(np.diag(found.covariance)) > least))
+
+
+def _with_noise_error(problem, used, index, trial, choice):
+    """Trial with the probability that it has beside the error of the noise where the candidate has its power."""
+    baseline, place = baseline_of(problem, used), problem.places[index]
+    value = attribution.beside(problem, used, index).value
+    signal = [one.of(np.arange(place.start, place.stop)) @ value[:, None] for one in problem.columns]
+    error = scan.level_error(problem, baseline, signal, choice.spectra)
+    log_p = chi2_tail.log_tail_of_level(trial.gain, trial.dof, choice.freedom, error) if error else trial.log_p
+    return trial._replace(significance=float(np.exp(min(log_p + _times(trial), 0.0))))
+
+
+def _times(trial):
+    """Logarithm of the number by which the probability of a trial was corrected."""
+    known = trial.significance > 0 and np.isfinite(trial.log_p)
+    return np.log(trial.significance) - trial.log_p if known else MANY
 
 
 def _ranked(problem, used, rows, choice):
@@ -350,6 +379,7 @@ EXCESSES = 3  # that are named at most
 TIME = "unknown:time"
 JUMPS = 3  # of one size, from which on they are one signal
 SAME = 0.05  # of their mean, by which sizes of steps may differ beyond their errors where signs do not alternate
+CLEAR = 3.0  # sigma by which a size lies beyond what has a meaning
 MANY = 10.0  # log of what a probability that is zero to rounding was corrected by
 
 
@@ -510,9 +540,7 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         for k, one in others:  # what is significant beside it, corrected as when it was named
             beside = attribution.beside(grown, [j for j, _ in others if j != k] + [index], k)
             log_p = float(chi2_tail.log_tail(beside.gain, max(beside.dof, 1), choice.freedom))
-            known = one.significance > 0 and np.isfinite(one.log_p)
-            times = np.log(one.significance) - one.log_p if known else MANY
-            kept += [(k, one)] if log_p + times < np.log(choice.level) else []
+            kept += [(k, one)] if log_p + _times(one) < np.log(choice.level) else []
         problem, chosen = grown, [*kept, (index, trial)]
         after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
     return problem, chosen, after

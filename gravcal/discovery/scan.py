@@ -11,7 +11,7 @@ import numpy as np
 from numba import njit
 from scipy import fft, special
 
-from gravcal.discovery.problem import Problem, inverse_of_baseline, weighted_rows
+from gravcal.discovery.problem import Problem, inverse_of_baseline, residuals_of, weighted_rows
 from gravcal.estimation.records import Block
 
 
@@ -236,7 +236,7 @@ class Excess:
     kind: str  #: "tile", "slow", "chirp", or "drift" of a line through all blocks
     channel: str  #: name
     axis: int  #: -1 for all
-    block: int  #: first of its record; -1 for all
+    block: int  #: number; -1 for all
     span: tuple[float, float]  #: (2,) s from the first row of the block
     band: tuple[float, float]  #: (2,) Hz; of a chirp or a drifting line where it begins and where it ends
     #: (d,) log of the probability of so unusual a place, corrected for how many there are, of each residual
@@ -276,30 +276,27 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
     return found
 
 
-def records_of(blocks: list[Block], channel: str) -> list[list[int]]:
-    """Numbers of the blocks that hold a channel, those together that are stretches of one record, one in the other."""
-    times = {k: b.time[b.channel == channel] for k, b in enumerate(blocks)}
-    groups: list[list[int]] = []
-    for k in sorted((k for k, time in times.items() if time.size), key=lambda k: times[k].min()):
-        last = times[groups[-1][0]] if groups else np.array([-np.inf])
-        if times[k].min() < (last.min() + last.max()) / 2 and not np.isin(times[k], last).any():
-            groups[-1].append(k)
-        else:
-            groups.append([k])
-    return groups
+def level_error(problem: Problem, baseline: np.ndarray, parts: list[np.ndarray], spectra: Mapping) -> float:
+    """Error of the logarithm of the noise where signals (n, 1) have their power, by spectra {channel: of its axes}."""
+    rest, variance = residuals_of(problem, baseline, parts), 0.0
+    whole = sum(float(np.sum(one**2)) for one in rest)
+    for channel, axes in spectra.items():
+        *_, spacing, series = _series(problem.blocks, rest, channel)
+        for spectrum, one in zip(axes, series, strict=False):
+            power = _power(one).sum(axis=(0, 2)) / max(whole, 1e-300)
+            share = spectrum.shares(np.arange(1, power.size + 1) / (one.shape[1] * spacing)).T @ power
+            variance += share @ spectrum.covariance @ share
+    return float(np.sqrt(variance))
 
 
 def _series(blocks, rest, channel):
-    """First blocks of the records of a channel, begin s of each, spacing s, and of each axis their rows (b, n, d).
+    """Blocks that hold a channel, begin s of each, spacing s, and of each axis their rows (b, n, d).
 
-    Rows are at their place in time, nothing where a record has none.
+    Rows are at their place in time, nothing where a block has none.
     """
     axes = range(1 + max((int(b.axis[b.channel == channel].max(initial=0)) for b in blocks), default=0))
-    whole = lambda parts, group, axis: np.concatenate(  # noqa: E731
-        [parts[k][(blocks[k].channel == channel) & (blocks[k].axis == axis)] for k in group]
-    )
-    groups, times = {group[0]: group for group in records_of(blocks, channel)}, [block.time for block in blocks]
-    at = {k: [whole(times, group, axis) for axis in axes] for k, group in groups.items()}
+    rows = [[(b.channel == channel) & (b.axis == axis) for axis in axes] for b in blocks]
+    at = {k: [b.time[here] for here in rows[k]] for k, b in enumerate(blocks)}
     at = {k: one for k, one in at.items() if min(time.size for time in one) >= SHORTEST}
     if not at:
         return (), (), np.nan, []
@@ -307,12 +304,12 @@ def _series(blocks, rest, channel):
     begins = {k: min(time.min() for time in one) for k, one in at.items()}
     at = {k: [np.rint((time - begins[k]) / spacing).astype(int) for time in one] for k, one in at.items()}
     size = {k: 1 + max(place.max() for place in one) for k, one in at.items()}
-    kept = [k for k in at if size[k] > 0.9 * max(size.values())]
+    kept = sorted((k for k in at if size[k] > 0.9 * max(size.values())), key=begins.get)
     length = fft.prev_fast_len(min(size[k] for k in kept))
     series = [np.zeros((len(kept), length, rest[0].shape[1]), dtype="f4") for _ in axes]
     for (row, k), axis in itertools.product(enumerate(kept), axes):
         inside = at[k][axis] < length
-        series[axis][row, at[k][axis][inside]] = whole(rest, groups[k], axis)[inside]
+        series[axis][row, at[k][axis][inside]] = rest[k][rows[k][axis]][inside]
     return tuple(kept), [begins[k] for k in kept], spacing, series
 
 

@@ -12,7 +12,6 @@ from math import comb
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import block_diag
 
 from gravcal.discovery import attribution, scan
 from gravcal.discovery.problem import (
@@ -208,10 +207,8 @@ def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
 
 def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
     """Candidate of sines of any size in a tile, or on a path, in each block and axis; None of too many to fit."""
-    records = scan.records_of(problem.blocks, found.channel)
-    records = [one for one in records if found.block < 0 or found.block in one]
-    start = lambda k: problem.blocks[k].time[problem.blocks[k].channel == found.channel].min()  # noqa: E731
-    begins = {k: min(map(start, one)) for one in records for k in one}
+    times = {k: b.time[b.channel == found.channel] for k, b in enumerate(problem.blocks) if found.block in (-1, k)}
+    begins = {k: time.min() for k, time in times.items() if time.size}
     axes = [found.axis] if found.axis >= 0 else [0, 1, 2]
     places = [(k, a) for k in sorted(begins) for a in axes if np.any(_rows(problem.blocks[k], found, a, begins[k]))]
     length, lowest, path = found.span[1] - found.span[0], found.band[0], found.kind in PATHS
@@ -235,7 +232,8 @@ def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
         return made
 
     words = f"{found.channel} reading{f' {AXES[found.axis]}' if found.axis >= 0 else ''}"
-    words += f", {problem.blocks[found.block].label}" if found.block >= 0 and len(records[0]) == 1 else ""
+    label = problem.blocks[found.block].label if found.block >= 0 else found.channel
+    words += f", {label}" if label != found.channel else ""
     if path:
         value, near = np.array(found.band), np.array([(a, b) for a in (0, -1, 1) for b in (0, -1, 1)]) / (2 * length)
         lower, upper = np.maximum(value - 3 / length, 0.1 / length), value + 3 / length
@@ -254,28 +252,25 @@ def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
 def telegraph_of(problem: Problem, baseline: np.ndarray, channel: str) -> Candidate | None:
     """Candidate of jumps to and fro between two levels in a channel, None where any noise is as likely.
 
-    It is that on the axis of a record where they are likeliest by most, beside a baseline.
+    It is that on the axis of a block where they are likeliest by most, beside a baseline.
     """
     best, blocks = (0.0,), problem.blocks
-    for group, axis in itertools.product(scan.records_of(blocks, channel), range(3)):
-        about = ((k, blocks[k], (blocks[k].channel == channel) & (blocks[k].axis == axis)) for k in group)
-        rows = {k: np.flatnonzero(here & weighted_rows(block)) for k, block, here in about}
-        time = np.concatenate([blocks[k].time[at] for k, at in rows.items()])
-        if time.size >= scan.SHORTEST:
-            order = np.argsort(time)
-            whole = np.concatenate([problem.columns[k].of(np.append(0, baseline))[at] for k, at in rows.items()])
-            local = block_diag(*(problem.bases[k][at] for k, at in rows.items()))
-            slow = orthonormal(np.concatenate([whole[:, 1:], local], axis=1)[order], 1e-6)
-            _, (state,), gain = two_levels([whole[order, 0]], [slow])
+    for (k, block), axis in itertools.product(enumerate(blocks), range(3)):
+        rows = np.flatnonzero((block.channel == channel) & (block.axis == axis) & weighted_rows(block))
+        if rows.size >= scan.SHORTEST:
+            rows = rows[np.argsort(block.time[rows])]
+            whole = problem.columns[k].of(np.append(0, baseline))[rows]
+            slow = orthonormal(np.concatenate([whole[:, 1:], problem.bases[k][rows]], axis=1), 1e-6)
+            _, (state,), gain = two_levels([whole[:, 0]], [slow])
             if gain > best[0]:
-                best = gain, axis, rows, time[order], state[np.argsort(order)], np.count_nonzero(np.diff(state > 0))
+                best = gain, k, axis, rows, state
     if len(best) == 1:
         return None
-    _, axis, rows, time, state, jumps = best
-    columns = [np.zeros((block.observed.size, 1)) if k in rows else None for k, block in enumerate(blocks)]
-    ends = np.cumsum([at.size for at in rows.values()])[:-1]
-    for (k, at), part in zip(rows.items(), np.split(state, ends), strict=True):
-        columns[k][at, 0] = part
+    _, k, axis, rows, state = best
+    columns, time = [None] * len(blocks), blocks[k].time[rows]
+    columns[k] = np.zeros((blocks[k].observed.size, 1))
+    columns[k][rows, 0] = state
+    jumps = np.count_nonzero(np.diff(state > 0))
     span, form = time[[0, -1]] - time[0], f"{channel} reading {AXES[axis]}, {jumps} jumps between two levels"
     fixed = span[None], span, span
     shape = Shape(("from", "to"), ("s", "s"), span, lambda _: columns, *fixed, words=form, covariance=np.zeros((2, 2)))

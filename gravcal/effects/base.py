@@ -119,10 +119,10 @@ class Laws(list):
         return add
 
 
-def axes(name: str, unit: str, meaning: str, prior_sigma: float) -> tuple[Parameter, ...]:
+def axes(name: str, unit: str, meaning: str, prior_sigma: float, **more) -> tuple[Parameter, ...]:
     """Parameters of the same kind along the three body axes, named `name_x`, `name_y`, `name_z` or `x`, `y`, `z`."""
     prefix = f"{name}_" if name else ""
-    return tuple(Parameter(f"{prefix}{a}", unit, f"{meaning} {a}", prior_sigma) for a in "xyz")
+    return tuple(Parameter(f"{prefix}{a}", unit, f"{meaning} {a}", prior_sigma, **more) for a in "xyz")
 
 
 def each(names, unit: str, meaning: str, prior_sigma: float) -> tuple[Parameter, ...]:

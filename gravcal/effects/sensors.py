@@ -36,7 +36,7 @@ law("attitude.star_camera_heads", "heads_b", (_SHARE,), "mounting of the heads a
     lambda context, values: values[0] * context.extra["heads_b"]
 )
 law("magnetometer.bias", "field_b", axes("", "T", "bias of", 5e-7), "CoM paper section 4.1")(constant)
-_SCALE = axes("", "1", "relative excess of the scale of", 0.01)
+_SCALE = axes("", "1", "relative excess of the scale of", 0.01, lower=-1.0)
 law("magnetometer.scale", "field_b", _SCALE, "reading")(scaled("field_b"))
 _ANGLE = axes("angle", "rad", "magnetometer turned about", 5e-3)
 law("magnetometer.misalignment", "field_b", _ANGLE, "mounting")(misaligned("field_b"))

@@ -12,7 +12,7 @@ _DIPOLE = "t = m x B, CoM paper eq. 18"
 _EULER = "Euler's equation, CoM paper eq. 17"
 _RODS = "CoM paper section 2.1: rods aligned to 0.06 deg"
 
-_GAIN = axes("rod", "1", "relative excess of the dipole of rod", 0.05)
+_GAIN = axes("rod", "1", "relative excess of the dipole of rod", 0.05, lower=-1.0)
 law("torque.dipole_gain", "dipole_b", _GAIN, _DIPOLE)(scaled("dipole_b"))
 # Rods turned together by the small rotation v: dm = v x m.
 law("torque.dipole_misalignment", "dipole_b", axes("angle", "rad", "rods turned about", 2e-3), _RODS)(
@@ -77,7 +77,7 @@ _ARM = axes("arm", "m", "centre of mass to centre of pressure along", 0.02)
 law("torque.aerodynamic", "torque_b", _ARM, "S-GRS paper eq. 11")(
     lambda context, values: context.extra["mass"] * np.cross(values, context.extra["non_gravitational_b"])
 )
-_MOMENT = axes("", "1", "relative excess of the principal moment about", 0.05)
+_MOMENT = axes("", "1", "relative excess of the principal moment about", 0.05, lower=-1.0)
 # Moments larger than known by a share e answer the torquers less: t = -e/(1 + e) m x B about each axis.
 law("torque.inertia", "torque_b", _MOMENT, f"{_EULER}; no inertia is published", linear=False)(
     lambda context, values: -np.asarray(values) / (1 + np.asarray(values)) * np.cross(context.dipole_b, context.field_b)
@@ -89,7 +89,7 @@ law("torque.inertia_products", "torque_b", _PRODUCTS, _EULER)(
         -(symmetric(*values) @ np.linalg.solve(context.inertia_b, np.cross(context.dipole_b, context.field_b).T)).T
     )
 )
-_EXCESS = axes("", "1", "relative excess of the gravity-gradient torque about", 0.05)
+_EXCESS = axes("", "1", "relative excess of the gravity-gradient torque about", 0.05, lower=-1.0)
 # Excess of the gravity-gradient torque, vex(J G - G J).
 law("torque.gravity_gradient", "torque_b", _EXCESS, "S-GRS paper eq. 1; equations.md (M2)")(
     lambda context, values: np.asarray(values) * gravity_gradient_torque(context.inertia_b, context.gradient_b)

@@ -16,6 +16,13 @@ def log_tail(chi2, dof, freedom: float = np.inf) -> np.ndarray:
         return np.log(special.chdtrc(dof, chi2))
 
 
+def log_tail_of_level(chi2: float, dof: int, freedom: float, error: float) -> float:
+    """`log_tail` where the logarithm of the variance that it is counted in has a normal error of its own."""
+    off = np.linspace(-12.0, 12.0, 481)
+    rows = log_tail(chi2 * np.exp(-error * off), dof, freedom) - off**2 / 2
+    return float(special.logsumexp(rows) + np.log((off[1] - off[0]) / np.sqrt(2 * np.pi)))
+
+
 def least_log_tail(chi2: np.ndarray, dof: np.ndarray) -> np.ndarray:
     """Smallest `log_tail` over many (k, d), for each column: that of the largest of each of the numbers `dof` (k,)."""
     kinds = np.unique(dof)

@@ -163,7 +163,7 @@ def in_bands(values: np.ndarray, step_s: float, edges_hz) -> np.ndarray:
 
 TAPERS = 3  # of waves, at frequencies so many apart: as many numbers as samples
 LEFT = 0.5  # share of a wave beside the columns from which it is used
-BEND, STEADY = 3.0, 2.0  # change of slope from knot to knot that is nothing unusual, where pieces or one series show it
+BEND, STEADY = 3.0, 2.0  # change of slope from knot to knot that is nothing unusual, where many pieces or few show it
 KNOTS, REWEIGHTED = 9, 4  # of the spectra of one series, rounds of its weights
 SCORINGS = 60
 
@@ -182,6 +182,10 @@ class Spectrum:
         sigma = np.sqrt(np.einsum("mk,kl,ml->m", shares, self.covariance, shares)) if sigmas else 0.0
         return np.exp(shares @ self.log_density + sigmas * sigma)
 
+    def model(self, order: int, step_s: float) -> NoiseModel:
+        """Autoregressive model of so many coefficients."""
+        return from_density(self.density((np.arange(NODES) + 0.5) / (2 * step_s * NODES)), order, step_s)
+
     def shares(self, frequency_hz: np.ndarray) -> np.ndarray:
         """Shares (m, k) of the knots in the logarithm of the density at frequencies (m,) Hz."""
         return log_linear(self.knot_hz, frequency_hz)
@@ -193,7 +197,9 @@ def log_linear(knot_hz: np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(at, np.log(knot_hz), row) for row in np.eye(len(knot_hz))], axis=-1)
 
 
-def fit_spectrum(pieces: list[tuple[np.ndarray, np.ndarray]], step_s: float, knot_hz: np.ndarray) -> Spectrum:
+def fit_spectrum(
+    pieces: list[tuple[np.ndarray, np.ndarray]], step_s: float, knot_hz: np.ndarray, bend: float = BEND
+) -> Spectrum:
     """Density of noise from all quiet pieces there are, long or short, with gaps, beside columns of any size in them.
 
     Pieces are (n_i,) even values, NaN where missing, and (n_i, q_i) columns; knots (k,) Hz; the response of each wave
@@ -212,7 +218,7 @@ def fit_spectrum(pieces: list[tuple[np.ndarray, np.ndarray]], step_s: float, kno
     middle, rough = np.log(response @ frequency / whole), square / times / whole
     near = [np.argsort(np.abs(middle - one))[: 5 * TAPERS] for one in at]
     value = np.log([max(np.median(rough[one]), 1e-300) for one in near])
-    return _scored(Spectrum(knots, value), frequency, (square, times, response), BEND)
+    return _scored(Spectrum(knots, value), frequency, (square, times, response), bend)
 
 
 def _scored(start, frequency, waves, bend):
@@ -255,11 +261,10 @@ def spectra_beside(series: np.ndarray, columns: np.ndarray, order: int, step_s: 
     """
     good, count = np.isfinite(series).all(axis=1), len(series)
     knots, wave = np.geomspace(4 / (count * step_s), 0.5 / step_s, KNOTS), np.fft.rfftfreq(count, step_s)[1:]
-    nodes = (np.arange(NODES) + 0.5) / (2 * step_s * NODES)
     plain = np.nanvar(beside([series], [columns])(series, 0), axis=0) * 2 * step_s
     found = [Spectrum(knots, np.full(KNOTS, np.log(max(one, 1e-300)))) for one in plain]
     for _ in range(REWEIGHTED):
-        models = [from_density(one.density(nodes), order, step_s) for one in found]
+        models = [one.model(order, step_s) for one in found]
         rows = whitened(models, np.concatenate([columns, series[:, :, None]], axis=2), good)
         basis = orthonormal(rows[:, :-1], DEPENDENT)
         left = (rows[:, -1] - basis @ (basis.T @ rows[:, -1])).reshape(3, count)

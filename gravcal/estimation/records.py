@@ -276,7 +276,6 @@ class Observations(Protocol):
     periods: Mapping[float, int] = {}
     whole_manoeuvres: bool = False  #: True if a block is a manoeuvre, else what is left out is called "blocks"
     contiguous: bool = False  #: True if noise goes on from block to block, so that `reading` takes the rows of all
-    interleaved: bool = False  #: True if blocks whose labels begin with the same word are stretches of one record
     readable: tuple[str, ...] = ()  #: channels whose reading the page can show, all if empty
     epoch: float | None = None  #: s, GPS, at which a parameter that moves is given, None where there is none
     #: {parameter: (value, largest distance from it)} in the reported unit; what is further off is questionable
@@ -312,7 +311,7 @@ class Observations(Protocol):
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time (m,) s, reading (m, a) that the baseline predicts, and whitened rows (n, q) of a block in its unit.
 
-        Columns are (q, m, a). The block is that of `blocks`, or the record that interleaved ones make.
+        Columns are (q, m, a).
         """
         ...
 

@@ -8,17 +8,19 @@ import pytest
 from scipy.signal import lfilter
 
 from gravcal.discovery.attribution import beside_calibration
-from gravcal.discovery.driver import Limits, discover, summary
+from gravcal.discovery.driver import Limits, discover, discover_again, summary
 from gravcal.discovery.limits import detection_limits
-from gravcal.discovery.model_average import _held, delivered, left_open
+from gravcal.discovery.model_average import _evidence, _held, delivered, left_open
 from gravcal.discovery.problem import baseline_of, drawn_noise, prepare
 from gravcal.discovery.rounds import Choice, merged, pruned, search
+from gravcal.discovery.scan import level_error
 from gravcal.errors import EstimationError
 from gravcal.estimation.noise import Spectrum
 from gravcal.estimation.outcome import outcome_of
 from gravcal.estimation.records import Block, Candidate, Observations, Shape, Wider
 from gravcal.report.discovery import WORDS, tied_table, unobservable_table
 from gravcal.report.discovery_words import verdict
+from tasks.discovery import _model
 
 CHOICE = Choice(0.005, 9.0, 4, "case.step", {})
 
@@ -465,6 +467,53 @@ def test_what_an_extension_leaves_open_keeps_its_value_and_what_the_prior_knows_
     turned = np.array([[0.6, -0.8], [0.8, 0.6]])
     other, _ = _held(turned @ normal @ turned.T, turned @ normal @ true, np.ones(2))
     assert np.allclose(other, turned @ value)
+
+
+def test_rounding_is_no_evidence_whatever_size_a_cause_may_have():
+    """Analytic: a direction that the calibration takes up, with a millionth left by rounding, adds nothing."""
+    gram, total = np.array([[0, 30, 1e-4], [30, 4, 0], [1e-4, 0, -1e-9]]), np.diag([1.0, 4.0, 1e3])
+    evidence = []
+    for count in (1, 2):
+        one = SimpleNamespace(prior=[1.0] * count)
+        problem = SimpleNamespace(places=[slice(1, 1 + count)], candidates=[one], total=total)
+        evidence.append(_evidence(problem, gram, 0))
+    assert evidence[1] == pytest.approx(evidence[0])
+    assert 900 / 4 - 20 < evidence[0][0] < 900 / 4
+
+
+@pytest.mark.parametrize(("size", "named"), [(-5.0, False), (-0.5, True)])
+def test_no_scale_is_negative(size, named):
+    """Recovery: at S/N 17 and more; what would be named with minus four times its size has another cause."""
+    blocks, (first, *_) = made(np.random.default_rng(5))
+    one = replace(first, cause="accelerometer.scale", names=["x"])
+    found = search(hiding(blocks, one.columns, size), [one], CHOICE, np.random.default_rng(1)).findings
+    assert bool(found) == named
+
+
+def test_noise_is_known_as_well_as_its_spectrum_is_where_a_cause_has_its_power():
+    """Analytic: a wave on a knot, 0.2 in the logarithm; a step of five sigma is no cause beside an error of one."""
+    time, nothing = np.arange(300.0), np.zeros((300, 1))
+    plain = Block.of("swing", np.random.default_rng(3).standard_normal(300), "linear", 0, time, shared=nothing)
+    spectra = {"linear": [Spectrum(np.array([0.005, 0.1, 0.5]), np.zeros(3), np.diag([1.5, 0.04, 0.01]))]}
+    wave = np.sin(2 * np.pi * 0.1 * time)[:, None]
+    assert level_error(prepare([plain], []), np.array([1]), [wave], spectra) == pytest.approx(0.2, rel=0.05)
+    step = Candidate("case.step", "", ["size"], ["1"], [np.where(time > 150, 0.5, -0.5)[:, None]])
+    blocks = hiding([plain], step.columns, 4.5 * 2 / np.sqrt(300))
+    for known in ({}, spectra):
+        choice = replace(CHOICE, spectra=known, excess=False)
+        assert bool(search(blocks, [step], choice, np.random.default_rng(1)).findings) == (not known)
+
+
+def test_names_that_describe_the_record_worse_once_taken_out_are_believed_one_at_a_time():
+    """Invariant: the next search takes out the first of them alone; what was found stays."""
+    blocks, (first, second, _) = made(np.random.default_rng(5))
+    hidden, limits = hiding(hiding(blocks, first.columns, 2.0), second.columns, 1.0), Limits(0.005, 9.0, 4, 15.0, 1)
+    found = discover(Invented(hidden, [first, second]), limits)
+    worse = [np.random.default_rng(k).standard_normal((300, 1)) for k in range(4)]
+    again = discover_again(Invented(hiding(blocks, worse, 3.0), [first, second]), limits, found, _model(found))
+    assert outcome_of(again) == outcome_of(found)
+    assert [one.cause for one in _model(again)] == [one.cause for one in _model(found)][:1] == ["case.a"]
+    assert "believed" not in discover_again(Invented(blocks, [first, second]), limits, found, _model(found)).attrs
 
 
 def _drawn(rng, count, draws, quiet, **spectra):

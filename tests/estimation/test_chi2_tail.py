@@ -38,3 +38,7 @@ def test_a_measured_density_has_as_many_degrees_of_freedom_as_samples_for_a_coef
     spread = np.var([np.log(one.density(np.array([0.3, 0.5, 0.7]))) for one in models], axis=0)
     assert_allclose(spread.mean(), 2 / 200, rtol=0.4)
     assert_allclose(chi2_tail.log_tail(36.0, 1, 200.0), stats.f.logsf(36.0, 1, 200.0))
+    gain, off = 30.0, 0.3 * rng.standard_normal(400_000)  # of the logarithm of the variance
+    found = np.exp(chi2_tail.log_tail_of_level(gain, 3, np.inf, 0.3))
+    assert_allclose(found, stats.chi2.sf(gain * np.exp(-off), 3).mean(), rtol=0.2)
+    assert_allclose(chi2_tail.log_tail_of_level(gain, 3, 50.0, 0.0), stats.f.logsf(gain / 3, 3, 50.0), rtol=1e-6)

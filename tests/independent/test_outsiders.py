@@ -114,10 +114,13 @@ def test_a_telegraph_signal_in_the_quiet_data_too_is_no_noise(tmp_path):
 
 
 def test_a_residual_dipole_is_named(tmp_path):
-    """Recovery: with its size; five revolutions, in fewer it passes for noise of the torque."""
-    gradient.make_day(tmp_path / "data", 3, {"residual_dipole": [1.0, 0.0, 1.0]}, duration_s=30000.0, step=3.0)
+    """Recovery: with its size, and the centre of pressure beside it; in under five revolutions it passes for noise."""
+    truth = gradient.make_day(tmp_path / "data", 3, {"residual_dipole": [1.0, 0.0, 1.0]}, duration_s=30000.0, step=3.0)
     said = run("gradient_torque", tmp_path / "data", discovery=True, field=str(tmp_path / "field.gfc"))[0]
     (found,) = [one for one in said["findings"] if one["cause"] == "torque.residual_dipole"]
     assert not found["tied_with"]
     for axis, size in zip("xyz", (1.0, 0.0, 1.0), strict=True):
         within(found["parameters"][axis]["value"], found["parameters"][axis]["sigma"], size)
+    change = said["calibration_change"]
+    within(change["after"], change["sigma_after"], 1e3 * np.array(truth["centre_of_pressure_m"]))
+    assert max(change["sigma_after"]) < max(change["sigma_before"])

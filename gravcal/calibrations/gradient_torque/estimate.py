@@ -111,7 +111,7 @@ def gravity_covariance(variance: np.ndarray, up_b: np.ndarray, place: np.ndarray
 def uncontrolled_torque(
     modelled: xr.Dataset, method: str, inertia: np.ndarray, control_hz: float, damping: float
 ) -> np.ndarray:
-    """Torque (n, 3) N m that gravity gradient and control leave of the motion of one of METHODS.
+    """Torque (n, 3) N m that gravity gradient, control and a model leave of the motion of one of METHODS.
 
     I_B w' + w x I_B w - vex(I_B G - G I_B) = x_cp x m a_drag + control + rest; S-GRS paper, eq. 12 with the bracket
     where it belongs (erratum S-4). Control is -I_B (W^2 angle + 2 D W angle'): angles are fed back, so gains fitted to
@@ -121,7 +121,8 @@ def uncontrolled_torque(
     angle, angle_dot, w, wd = (modelled[name].values[use] for name in ("angle", "angle_dot", "rate_b", "rate_dot_b"))
     fed_back = np.matvec(inertia, W**2 * angle + 2 * damping * W * angle_dot)
     gradient = gravity_gradient_torque(inertia, modelled["gradient_b"].values)
-    return np.matvec(inertia, wd) + np.cross(w, np.matvec(inertia, w)) - gradient + fed_back
+    known = gradient + (modelled["torque"].values if "torque" in modelled else 0.0)
+    return np.matvec(inertia, wd) + np.cross(w, np.matvec(inertia, w)) - known + fed_back
 
 
 def unsmoothed(modelled: xr.Dataset, method: str, sensors: slice | list, test_mass_inertia: np.ndarray) -> np.ndarray:

@@ -133,6 +133,7 @@ def gradient(
         "attitude_chi2": [motion.chi2 for motion in smoothed],
         "attitude_dof": [motion.dof for motion in smoothed],
     }
+    values |= {"torque": observed["torque"].values} if "torque" in observed else {}
     for name in ("angle", "angle_dot", "rate_b", "rate_dot_b"):
         values[name] = np.stack([getattr(motion, name) for motion in smoothed])
     return build(SCHEMAS["gradient"], values, title="Gravity gradient and rates along the orbit", field=model.name)

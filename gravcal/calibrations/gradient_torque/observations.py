@@ -201,18 +201,19 @@ class GradientTorque(Observations):
         laws = self._memories(entry.form.partition(", ")[0], [entry.values["tau"]])
         return [one for one in laws if one.form == entry.form]
 
-    def response(self, entry: Entry) -> list[np.ndarray]:
-        """Whitened rows of each block that an effect adds beside a record `without` it; a torque stays in there."""
-        stays = entry.listed and effect(entry.cause).channel in ("torque_b", "dipole_b")
-        return super().response(replace(entry, parameters={}) if stays else entry)
-
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Record without the effects of a model, so that the baseline describes what is left.
 
-        A torque turns the satellite itself and stays in the record: it changes the torque balance alone.
+        A torque turns the satellite itself: the readings keep it, and the torque balance is told.
         """
         extended = self.record.copy(deep=True)
         for entry in model:
+            known = effect(entry.cause) if entry.listed else None
+            if known and known.channel in ("torque_b", "dipole_b"):
+                torque = added_to_channels(self.about, known)["torque"] @ known.values(entry.values)
+                extended["torque"] = extended.get("torque", 0.0) + xr.DataArray(torque, dims=("time", "axis"))
+                extended["torque"].attrs |= {"units": "N m", "frame": "b", "long_name": "of effects that are taken out"}
+                continue
             linear, angular = self._contribution(entry)
             extended["linear"].values[:] += linear  # minus a reading is what the files hold
             extended["angular"].values[:] += angular

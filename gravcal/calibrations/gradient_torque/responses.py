@@ -51,7 +51,7 @@ def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
     fastest = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
     argument = np.cumsum(about.rate_b[:, fastest] * np.diff(about.time, prepend=about.time[0]))  # along the orbit
     yield from (("latitude", *wave) for wave in waves(argument))
-    yield "time", "straight line", (about.time - about.time[0]) / (about.time[-1] - about.time[0]) - 0.5
+    yield "time", "straight line", (about.time - about.epoch) / (about.time[-1] - about.time[0])
 
 
 def memories(about: Context) -> Iterator[tuple[Law, Callable[[float], np.ndarray]]]:

@@ -15,7 +15,7 @@ from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation import estimate as estimating
-from gravcal.estimation.noise import NoiseModel, fit_noise, fit_spectrum, whiten
+from gravcal.estimation.noise import STEADY, NoiseModel, Spectrum, fit_spectrum, whiten
 from gravcal.estimation.resampling import bin_means
 from gravcal.physics import frames, gravity, sensing
 
@@ -28,6 +28,7 @@ CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose f
 #: Lowest frequency at which the noise of the tracker shows beside the motion, knots of its spectrum, probability below
 #: which that is not flat.
 MOTION_HZ, KNOTS, FLAT = 0.015, 4, 1e-3
+NOISE_KNOTS = 6  # of the spectra of the linear readings
 ROUNDS = 4  # of a fit that converges in three
 #: What a factor scales, angular accelerations and linear readings by axis: beta_x acts on w'_x and k_z together,
 #: beta_y on w'_y, w'_z and k_x (erratum T-11); the ratios are J/(M l).
@@ -384,27 +385,24 @@ def record_of(aligned: xr.Dataset, scaled: xr.Dataset, quiet_margin_s: float, de
     step = float(time_bin[1] - time_bin[0])
     edges = np.append(time_bin - step / 2, time_bin[-1] + step / 2)
     readout = electrodes.readouts(aligned.volts.values)[:, :3]
+    spectra = spectra_of(quiet_blocks(aligned, readout, step, quiet_margin_s), step)
     return Record(
         time=time_bin,
         linear_volt=bin_means(aligned.time.values, readout, edges)[0],
         rate_b=scaled.rate_b.values,
         rate_dot_b=scaled.rate_dot_b.values,
         gradient_b=scaled.gradient_b.values,
-        noise=noise_models(quiet_blocks(aligned, readout, step, quiet_margin_s), order, step),
+        noise=tuple(one.model(order, step) for one in spectra),
         degree=degree,
     )
 
 
-def noise_models(blocks: list[np.ndarray], order: int, step_s: float) -> tuple[NoiseModel, NoiseModel, NoiseModel]:
-    """Noise of each axis of quiet blocks (n, 3), of the order that the data ask for (Schwarz), at most a given one."""
-    chosen = []
-    for axis in range(3):
-        rows = [block[:, axis] for block in blocks]
-        models = [fit_noise(rows, k, step_s, removed=4 * len(rows)) for k in range(order + 1)]
-        count = sum(int(np.count_nonzero(np.isfinite(one))) for one in rows)
-        cost = [count * np.log(model.variance[-1]) + k * np.log(max(count, 2)) for k, model in enumerate(models)]
-        chosen.append(models[int(np.argmin(cost))])
-    return tuple(chosen)
+def spectra_of(blocks: list[np.ndarray], step_s: float) -> tuple[Spectrum, ...]:
+    """Spectra of the axes of quiet blocks (n, 3) less a cubic each, down to the length of one, with their errors."""
+    knots = np.geomspace(1 / (step_s * max(map(len, blocks))), 0.5 / step_s, NOISE_KNOTS)
+    slow = [cubic(len(one)) for one in blocks]
+    each = ([(one[:, a], part) for one, part in zip(blocks, slow, strict=True)] for a in range(3))
+    return tuple(fit_spectrum(one, step_s, knots, STEADY) for one in each)
 
 
 def fit_offset(

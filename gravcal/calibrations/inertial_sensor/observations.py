@@ -14,6 +14,7 @@ from gravcal.calibrations.inertial_sensor.observed_roll import RollView
 from gravcal.calibrations.inertial_sensor.observed_swing import SwingView
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.estimation import records
+from gravcal.estimation.noise import Spectrum
 
 #: Factor from SI and unit in which a parameter is reported, by the first word of its name.
 REPORTED = {
@@ -66,8 +67,8 @@ def observe(
         scale=np.array(factors),
         start=np.array([known[name] for name in parameters]),
         epoch=float(roll.time.mean()) if roll else None,
-        quiet=dict.fromkeys(swing.channels, swing.quiet) if swing else {},  # in a roll noise is measured in the rows
-        noise_order={"linear": scene["noise_order"]} if swing else {},
+        quiet={"attitude": swing.quiet} if swing else {},  # in a roll noise is measured in the rows
+        spectra={"linear": swing.spectra} if swing else {},
         lines=tuple(records.LineSearch(c, a, observed_swing.TONE, "m s-2") for c in read for a in range(3)),
     )
 
@@ -96,12 +97,12 @@ class InertialSensor(records.Observations):
     start: np.ndarray
     epoch: float | None  #: middle of the segments of a roll, at which a bias that drifts is given
     quiet: Mapping[str, float] = field(default_factory=dict)
-    noise_order: Mapping[str, int] = field(default_factory=dict)
+    spectra: Mapping[str, Sequence[Spectrum]] = field(default_factory=dict)
     lines: tuple[records.LineSearch, ...] = ()
 
     name = "inertial_sensor"
     step = observed_swing.STEP
-    interleaved = True
+    contiguous = True
     readable = (*SwingView.channels, observed_roll.CHANNEL)
 
     @functools.cached_property
@@ -220,12 +221,12 @@ class InertialSensor(records.Observations):
         return rows
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
-        """Time s, reading that the baseline predicts, whitened rows of the joined record in its unit."""
+        """Time s, reading that the baseline predicts, whitened rows of the whole record in its unit."""
+        time, axis, names = (np.concatenate([getattr(b, n) for b in self.blocks]) for n in ("time", "axis", "channel"))
+        here = names == channel
         if channel in SwingView.channels:
-            return self.swing.reading(channel, rows)
-        joined = [block for block in self.blocks if channel in block.channel]
-        time, axis, names = (np.concatenate([getattr(b, n) for b in joined]) for n in ("time", "axis", "channel"))
-        return self.roll.reading_of(rows[names[np.lexsort((time, axis))] == channel])
+            return self.swing.reading(channel, rows[here])
+        return self.roll.reading_of(rows[here][np.lexsort((time[here], axis[here]))])
 
     def without(self, model: Sequence[records.Entry]) -> xr.Dataset:
         """Record of the swing, of the roll where there is no other, without the effects of a model."""
@@ -234,9 +235,9 @@ class InertialSensor(records.Observations):
 
 
 NOTE = (
-    "A swing is looked at in even and odd stretches of ten seconds. A roll is looked at in its segments, each with "
-    "amplitudes of its own; its noise is a sum of power laws beside every form that is tried, and constants may wander "
-    "about the bias as far as they scatter about a straight line."
+    "A swing is looked at as a whole, a roll in its segments, each with amplitudes of its own; its noise is a sum of "
+    "power laws beside every form that is tried, and constants may wander about the bias as far as they scatter about "
+    "a straight line."
 )
 ROLL = " Straight pieces lie between the segments; its mean is left out."
 TURNED = " It is the rotation beside that at a mean rate, as the voltages predict it and the tracker sees it."

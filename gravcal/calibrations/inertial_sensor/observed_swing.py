@@ -17,16 +17,16 @@ from gravcal.calibrations.inertial_sensor import model as fits
 from gravcal.calibrations.inertial_sensor.estimate import (
     Record,
     cubic,
-    noise_models,
     quiet_blocks,
     quiet_edges,
     record_of,
+    spectra_of,
     swing_of,
 )
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.estimation import noise
-from gravcal.estimation.noise import without_lines, without_slow_lines, without_telegraph
+from gravcal.estimation.noise import Spectrum, without_lines, without_slow_lines, without_telegraph
 from gravcal.estimation.records import Block
 from gravcal.estimation.resampling import bin_means
 from gravcal.physics import frames, kinematics, sensing
@@ -35,7 +35,7 @@ STEP, TONE = "accelerometer.bias_step", "accelerometer.stray_tone"
 STILL = 3.0  # an axis moves if its angular acceleration is above this many times the noise of a bin
 FEEBLE = 5.0  # times less than the largest, below which the motion about an axis has no period of its own
 FINE = 16384  # frequencies that it is looked for at, twice
-STRETCH_S = 10.0  # of the blocks, between half a period of the swing and the memory of its noise
+LINE_ORDER = 3  # of the noise that a slow line is set against
 
 
 @dataclass(frozen=True)
@@ -57,20 +57,11 @@ class SwingView:
     good: np.ndarray  # (w,) those that there are
     start: np.ndarray  # (7,) rad s-2 V-1, s, m, m s-2 V-1: the solution, k_y of the ground
     k_y_sigma: float  # m s-2 V-1, of the ground
-    quiet: float  # samples an axis that the noise was measured from
+    quiet: float  # samples an axis that the noise of the attitude was measured from
+    spectra: tuple[Spectrum, ...]  # of the linear readings
 
     channels = ("attitude", "linear")
     parameters = ("beta_x", "beta_yz", "delay", "offset_x", "offset_y", "offset_z", "k_y")
-
-    def rows_of(self, channel: str) -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
-        """Time s and axis of the rows of a channel, and the places of those in even and in odd stretches of time."""
-        if channel == "attitude":
-            middle = self.swing.middle
-            time, axis = (one[self.system.valid] for one in (np.repeat(middle, 3), np.tile([0, 1, 2], middle.size)))
-        else:
-            time, axis = np.tile(self.time, 3), np.repeat([0, 1, 2], self.time.size)
-        number = np.floor((time - time.min()) / STRETCH_S).astype(int) % 2
-        return time, axis, [np.flatnonzero(number == k) for k in (0, 1)]
 
     def attitude_rows(self, angle_b: np.ndarray) -> np.ndarray:
         """Whitened rows (r, q) of a rotation from predicted to measured attitude, (m, 3, q) rad at its tags."""
@@ -103,7 +94,7 @@ class SwingView:
         return whole
 
     def blocks(self, parameters: Sequence[str]) -> list[Block]:
-        """Both channels, even and odd stretches; global columns: all parameters, start values, drifts."""
+        """A block for each channel; global columns: all parameters, start values, drifts."""
         record, system, tensor = self.record, self.system, np.nan_to_num(self.tensor)
         attitude = np.column_stack([system.residual, system.design])
         drift, moved = on_axes(self.trend), np.matvec(tensor, self.start[3:6])
@@ -124,23 +115,20 @@ class SwingView:
         width = drifts + drift.shape[2]
         places = {"attitude": [*own[:3], *range(len(parameters), drifts)]}
         places["linear"] = [*own[:2], *own[3:], *range(drifts, width)]
-        blocks = []
+        middle, axes, blocks = self.swing.middle, np.arange(3), []
+        turned = (one[system.valid] for one in (np.tile(axes, middle.size), np.repeat(middle, 3)))
+        about = {"attitude": turned, "linear": (np.repeat(axes, self.time.size), np.tile(self.time, 3))}
         for channel, rows in both.items():
-            time, axis, stretches = self.rows_of(channel)
             columns = np.zeros((len(rows), width))
             columns[:, places[channel]] = rows[:, 1:]
-            for word, part in zip(("even", "odd"), stretches, strict=True):
-                about = rows[part, 0], channel, axis[part], time[part]
-                blocks.append(Block.of(f"{channel} {word}", *about, shared=columns[part]))
+            blocks.append(Block.of(channel, rows[:, 0], channel, *about[channel], shared=columns))
         return blocks
 
-    def cut(self, **rows: np.ndarray) -> list[np.ndarray | None]:
-        """Columns of every block from the rows (n, q) of whole channels."""
-        parts = []
-        for channel in self.channels:
-            whole = rows.get(channel)
-            parts += [None if whole is None else whole[part] for part in self.rows_of(channel)[2]]
-        return parts
+    def cut(self, **rows: np.ndarray) -> list[np.ndarray]:
+        """Columns of both blocks from the rows (n, q) of channels, zero in one that has none: both are one record."""
+        width = next(iter(rows.values())).shape[1]
+        size = {"attitude": np.count_nonzero(self.system.valid), "linear": 3 * self.time.size}
+        return [rows.get(channel, np.zeros((size[channel], width))) for channel in self.channels]
 
     @functools.cached_property
     def rate_dot_b(self) -> np.ndarray:
@@ -204,7 +192,6 @@ class SwingView:
         """Time s, reading (b, 3) of a channel as the fit predicts it, and its rows (r, q) in that unit (q, b, 3).
 
         The linear reading, m s-2, is that of the offset; the attitude, rad, the rotation beside that at a mean rate.
-        Rows are in the order of axis and time.
         """
         if channel == "attitude":
             return self._turning(rows)
@@ -215,10 +202,9 @@ class SwingView:
         return self.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)
 
     def _turning(self, rows):
-        (time, axis, _), record, valid = self.rows_of("attitude"), self.record, self.system.valid
-        white, columns = np.empty_like(rows), np.full((rows.shape[1], valid.size), np.nan)
-        white[np.lexsort((time, axis))] = rows
-        columns[:, valid] = (self.system.lower @ white).T
+        record, valid = self.record, self.system.valid
+        columns = np.full((rows.shape[1], valid.size), np.nan)
+        columns[:, valid] = (self.system.lower @ rows).T
         rate = np.nan_to_num(record.rate_b - np.nanmean(record.rate_b, axis=0))
         angle = kinematics.running_integral(record.time, rate)
         middle = self.swing.middle
@@ -245,8 +231,9 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
     bins = bin_s, margin, swing.edges[0]
     quiet, edges = quiet_blocks(aligned, readout, *bins), quiet_edges(aligned, *bins)
     pieces = without_telegraph(quiet, [cubic(len(one)) for one in quiet])  # nor is a tone noise
-    pieces, _ = without_lines(without_slow_lines(pieces, order, bin_s), bin_s)
-    record = replace(record, rate_dot_b=rate_dot, noise=noise_models(pieces, order, bin_s))
+    pieces, _ = without_lines(without_slow_lines(pieces, LINE_ORDER, bin_s), bin_s)
+    spectra = spectra_of(pieces, bin_s)
+    record = replace(record, rate_dot_b=rate_dot, noise=tuple(one.model(order, bin_s) for one in spectra))
     tensor = sensing.offset_tensor(record.rate_b, rate_dot, record.gradient_b)
     place = np.nan_to_num(products["offset"]["offset"].values[0])
     k = scaled["k"].values[int(scaled["chosen_arm"])]
@@ -276,6 +263,7 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> SwingView:
         start=np.concatenate([fitted.unknowns.factors, [fitted.unknowns.delay], place, k[1:2]]),
         k_y_sigma=float(scaled["k_sigma"].values[0, 1]),
         quiet=float(sum(len(b) for b in pieces)),
+        spectra=spectra,
     )
 
 

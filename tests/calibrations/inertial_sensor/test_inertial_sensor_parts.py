@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose
 
 from gravcal import catalog
 from gravcal.calibrations.inertial_sensor import align, bias, responses
-from gravcal.calibrations.inertial_sensor.estimate import Record, factor_y, published_offset_matrix
+from gravcal.calibrations.inertial_sensor.estimate import Record, cubic, factor_y, published_offset_matrix, spectra_of
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.estimation import noise
 from gravcal.estimation.noise import coloured
@@ -208,3 +208,16 @@ def test_a_quadratic_effect_stands_in_the_voltages():
     before, after = (electrodes.readouts(next(spans)["IS1"]["volts"])[:, 0] for spans, _ in made)
     moved, truth = after - before, made[0][1]
     assert_allclose(moved, 2e-4 * truth["bias"][0] ** 2 / truth["k"][0] ** 2 / 4, rtol=1e-2)  # modulation
+
+
+def test_the_noise_beside_a_swing_is_as_red_as_it_is():
+    """Recovery: 40 times two quiet pieces less a cubic each, with a knee at 3 mHz; its logarithm within its error."""
+    rng, frequency = np.random.default_rng(6), np.array([5e-3, 1e-2, 2e-2, 5e-2, 0.2])
+    density, slow, error, sigma = (lambda f: 1 + (3e-3 / f) ** 2), cubic(385), [], []
+    for _ in range(40):
+        pieces = [np.stack([coloured(density, 385, 1.0, rng) for _ in range(3)], axis=1) for _ in range(2)]
+        for one in spectra_of([piece - slow @ (np.linalg.pinv(slow) @ piece) for piece in pieces], 1.0):
+            error.append(np.log(one.model(60, 1.0).density(frequency) / density(frequency)))
+            sigma.append(np.log(one.density(frequency, sigmas=1.0) / one.density(frequency)))
+    assert np.abs(np.mean(error, axis=0)).max() < 0.2
+    assert np.all(np.abs(np.sqrt(np.mean(np.divide(error, sigma) ** 2, axis=0)) - 1.05) < 0.3)
