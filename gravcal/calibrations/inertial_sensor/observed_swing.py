@@ -116,12 +116,12 @@ class SwingView:
         places = {"attitude": [*own[:3], *range(len(parameters), drifts)]}
         places["linear"] = [*own[:2], *own[3:], *range(drifts, width)]
         middle, axes, blocks = self.swing.middle, np.arange(3), []
-        turned = (one[system.valid] for one in (np.tile(axes, middle.size), np.repeat(middle, 3)))
-        about = {"attitude": turned, "linear": (np.repeat(axes, self.time.size), np.tile(self.time, 3))}
+        by_time = (one[system.valid] for one in (np.tile(axes, middle.size), np.repeat(middle, 3)))
+        axis_and_time = {"attitude": by_time, "linear": (np.repeat(axes, self.time.size), np.tile(self.time, 3))}
         for channel, rows in both.items():
             columns = np.zeros((len(rows), width))
             columns[:, places[channel]] = rows[:, 1:]
-            blocks.append(Block.of(channel, rows[:, 0], channel, *about[channel], shared=columns))
+            blocks.append(Block.of(channel, rows[:, 0], channel, *axis_and_time[channel], shared=columns))
         return blocks
 
     def cut(self, **rows: np.ndarray) -> list[np.ndarray]:
