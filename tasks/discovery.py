@@ -105,7 +105,7 @@ def _model(found, tentative=True):
     outcome = outcome_of(found)
     findings = outcome.findings if outcome else []
     if tentative and "believed" in found.attrs:  # of several that describe the record worse, taken out together
-        findings = findings[: int(found.attrs["believed"])]
+        findings = findings[:1]
     return [entry for one in findings if tentative or one.adopted for entry in one.entries]
 
 

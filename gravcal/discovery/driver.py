@@ -77,7 +77,7 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
         return first
     result, found = _searched(observed, limits, model, before.calibration_change.before)
     if not found.adequate_after and found.p_after < before.p_after:
-        return first.assign_attrs(believed="1")
+        return first.assign_attrs(believed="first")
     known = {"p_before": before.p_before, "p_quiet_before": before.p_quiet_before, "tried": before.tried}
     found = replace(found, adequate_before=before.adequate_before, **known)
     return _product(observed, limits, result, found).assign_attrs(rebuilt="yes")

@@ -180,8 +180,9 @@ def _best(problem, used, rows, choice):
         grown, index = trials.refined(grown, baseline_of(grown, used), index)
         if trial.kind == "step" and trial.place < 0 and not _agreed(grown, used, index):
             continue
-        trial = _with_noise_error(grown, used, index, trial, choice)
-        if not trial.significance < choice.level or not _possible(grown, used, index):
+        found = attribution.beside(grown, used, index)
+        trial = _with_noise_error(grown, used, index, trial, found.value, choice)
+        if not trial.significance < choice.level or not _possible(grown.candidates[index], found):
             continue
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
         if gain > 0:
@@ -192,21 +193,21 @@ def _best(problem, used, rows, choice):
     return problem, None
 
 
-def _possible(problem, used, index):
+def _possible(candidate, found):
     """Whether a listed cause has a meaning in the size that it is found with: no scale is negative."""
-    candidate, found = problem.candidates[index], attribution.beside(problem, used, index)
     known = catalogue().get(slug_of(candidate.cause))
     least = {one.name: one.lower for one in known.parameters} if known else {}
     least = np.array([least.get(name, -np.inf) for name in candidate.names])
     return bool(np.all(found.value + CLEAR * np.sqrt(np.diag(found.covariance)) > least))
 
 
-def _with_noise_error(problem, used, index, trial, choice):
+def _with_noise_error(problem, used, index, trial, value, choice):
     """Trial with the probability that it has beside the error of the noise where the candidate has its power."""
-    baseline, place = baseline_of(problem, used), problem.places[index]
-    value = attribution.beside(problem, used, index).value
+    if not choice.spectra:
+        return trial
+    place = problem.places[index]
     signal = [one.of(np.arange(place.start, place.stop)) @ value[:, None] for one in problem.columns]
-    error = scan.level_error(problem, baseline, signal, choice.spectra)
+    error = scan.level_error(problem, baseline_of(problem, used), signal, choice.spectra)
     log_p = chi2_tail.log_tail_of_level(trial.gain, trial.dof, choice.freedom, error) if error else trial.log_p
     return trial._replace(significance=float(np.exp(min(log_p + _times(trial), 0.0))))
 

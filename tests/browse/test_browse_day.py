@@ -303,6 +303,19 @@ def test_a_new_user_finds_by_clicks_alone(at, failing):
         assert said in shown()
 
 
+def test_keys_are_shown_on_demand(at):
+    """Contract: no hash before it is asked for."""
+    one = put(f"{EVENT}/com_offset.field", dataset(9).assign_attrs(igrf="f1" * 32), {"records": "da" * 32})
+    own = [one.key, one.digest, "f1" * 32, "da" * 32, "gravcal_key"]
+    for path, keys in (("/products", [one.key[:12]]), (f"/product/{one.key}", own)):
+        browser = at(path)
+        text = browser.find_element("tag name", "main").text
+        assert not re.search("[0-9a-f]{12}|sha256", text), path
+        browser.find_element("id", "keys").click()
+        text = browser.find_element("tag name", "main").text
+        assert all(key in text for key in keys), path
+
+
 def reports(folder):
     """Write a report and a discovery by their templates, each with a wide table, checks and a figure; their paths."""
     check = {"name": "gaps", "value": 1.0, "limit": 2.0, "unit": "1", "passed": True}
@@ -332,6 +345,24 @@ def test_every_page_is_for_screen_readers_and_weak_eyes_too(at, shop, failing, w
         browser.execute_script(SCRIPT)
         assert browser.execute_async_script(AXE) == [], path.name
         assert browser.execute_script("return document.documentElement.scrollWidth <= innerWidth"), path.name
+
+
+def test_the_difference_of_two_products_is_drawn(site, shop):
+    """Contract: a figure beside another run of the same stage: 1.5 - 1.0 times a sine of x; a quiet console."""
+    browser = site(f"/product/{shop['again']['mtq'].key}?with={shop['first']['mtq'].key}&view=difference")
+    assert "A: this product" in browser.find_element("tag name", "main").text
+    drawn = "return Bokeh.documents[0].get_model_by_name('line-0').data.y"
+    largest = max(abs(value) for value in browser.execute_script(f"return Array.from((() => {{{drawn}}})())"))
+    assert largest == pytest.approx(0.5, abs=0.01)  # m s-2
+    assert complaints(browser) == []
+
+
+def test_a_report_runs_no_script(site, shop):
+    """Contract: the report is shown in a frame that runs nothing."""
+    browser = site(f"/report/{shop['again']['report'].key}/report.html")
+    assert "the report" in browser.find_element("tag name", "body").text
+    assert browser.title == "r"
+    browser.get_log("browser")  # Chromium notes the script that it kept from running
 
 
 def test_nothing_is_asked_of_other_hosts(site, shop):

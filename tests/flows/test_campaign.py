@@ -11,6 +11,7 @@ import sys
 import tempfile
 import time
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 from commands import gravcal, until
@@ -229,6 +230,37 @@ def test_events_without_files_are_no_data_and_no_failure(tmp_path, monkeypatch):
     assert summary["counts"] == {"no_data": len(sources) - 1, "failed": 1}
     (failed,) = (row for row in summary["events"] if row["status"] == "failed")
     assert "found no KBR1B or LRI1B" in failed["error"]
+
+
+def test_of_many_events_several_are_one_task(monkeypatch):
+    """Contract: so many tasks at most, every event once, a task fails with the names of what failed in it."""
+    import prefect
+
+    states = {}
+
+    def task(body, name, **_):
+        def submit():
+            states[name] = body()
+            return SimpleNamespace(wait=lambda: None)
+
+        return SimpleNamespace(submit=submit)
+
+    def row_of(number):
+        if number == 4:
+            return {"event": "4", "status": "failed", "error": "lost"}
+        return {"event": str(number), "status": "delivered", "made": 2, "reused": 1, "seconds": 0.5}
+
+    monkeypatch.setattr(prefect, "task", task)
+    monkeypatch.setattr(campaigns, "TASKS", 3)
+    waiting = {number: SimpleNamespace(event=str(number)) for number in range(7)}
+    campaigns.as_tasks(waiting, row_of)
+    assert [(name, state.name, state.message) for name, state in states.items()] == [
+        ("0 to 2", "Completed", "3 Delivered; 6 products made, 3 reused, 1.500 s"),
+        ("3 to 5", "Failed", "4: lost"),
+        ("6", "Delivered", "2 products made, 1 reused, 0.500 s"),
+    ]
+    campaigns.as_tasks({}, row_of)
+    assert len(states) == 3
 
 
 def paths():

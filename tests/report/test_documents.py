@@ -1,12 +1,17 @@
 """What all documents and pages share: checks decide the status, origin comes first, numbers, long series drawn."""
 
+import importlib
+import inspect
+from pathlib import Path
+
 import numpy as np
 import pytest
 import xarray as xr
 
+from gravcal import calibrations
 from gravcal.calibrations import checks
-from gravcal.report import documents, plain
-from gravcal.report.figures import thinned
+from gravcal.report import discovery, documents, pages, plain
+from gravcal.report.figures import BARE, HANN, thinned
 
 DOCUMENT = {"status": "delivered", "verdict": {"text": "Delivered: x 1.0 um."}, "settings": {}}
 HEIGHT = checks.at_most("height", 3.0, 2.0, "km")
@@ -82,3 +87,13 @@ def test_thinning_keeps_every_peak_and_every_gap():
     assert (np.nanmax(values), np.nanmin(values)) == (0.9, -0.8)
     assert np.isnan(values[(across > 1.03) & (across < 1.97)]).all()
     assert np.isfinite(values[(across < 0.97) | (across > 2.03)]).all()
+
+
+def test_every_spectrum_states_its_method_and_window():
+    """Contract: one phrase in the caption of each figure that draws along frequency."""
+    names = [one.parent.name for one in Path(calibrations.__path__[0]).glob("*/page.py")]
+    found = [importlib.import_module(f"{calibrations.__name__}.{name}.page") for name in names]
+    figures = [one for module in (*found, discovery) for one in vars(module).values() if isinstance(one, pages.Figure)]
+    spectra = [one for one in figures if "frequency" in inspect.getsource(one.draw)]
+    assert len(spectra) >= 10
+    assert [one.draw.__name__ for one in spectra if HANN not in one.caption and BARE not in one.caption] == []
