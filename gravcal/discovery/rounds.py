@@ -181,7 +181,7 @@ def _best(problem, used, rows, choice):
         if trial.kind == "step" and trial.place < 0 and not _agreed(grown, used, index):
             continue
         found = attribution.beside(grown, used, index)
-        trial = _with_noise_error(grown, used, index, trial, found.value, choice)
+        trial = _with_noise_error(grown, used, index, trial, found.value, choice) if choice.spectra else trial
         if not trial.significance < choice.level or not _possible(grown.candidates[index], found):
             continue
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
@@ -196,15 +196,13 @@ def _best(problem, used, rows, choice):
 def _possible(candidate, found):
     """Whether a listed cause has a meaning in the size that it is found with: no scale is negative."""
     known = catalogue().get(slug_of(candidate.cause))
-    least = {one.name: one.lower for one in known.parameters} if known else {}
-    least = np.array([least.get(name, -np.inf) for name in candidate.names])
+    lower = {one.name: one.lower for one in known.parameters} if known else {}
+    least = [lower.get(name, -np.inf) for name in candidate.names]
     return bool(np.all(found.value + CLEAR * np.sqrt(np.diag(found.covariance)) > least))
 
 
 def _with_noise_error(problem, used, index, trial, value, choice):
     """Trial with the probability that it has beside the error of the noise where the candidate has its power."""
-    if not choice.spectra:
-        return trial
     place = problem.places[index]
     signal = [one.of(np.arange(place.start, place.stop)) @ value[:, None] for one in problem.columns]
     error = scan.level_error(problem, baseline_of(problem, used), signal, choice.spectra)

@@ -13,7 +13,7 @@ from scipy.optimize import nnls
 from scipy.signal import lfilter
 from scipy.special import chdtrc
 
-from gravcal.estimation.least_squares import orthonormal, polynomial
+from gravcal.estimation.least_squares import orthonormal, polynomial, without
 
 
 @dataclass(frozen=True)
@@ -197,9 +197,7 @@ def log_linear(knot_hz: np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
     return np.stack([np.interp(at, np.log(knot_hz), row) for row in np.eye(len(knot_hz))], axis=-1)
 
 
-def fit_spectrum(
-    pieces: list[tuple[np.ndarray, np.ndarray]], step_s: float, knot_hz: np.ndarray, bend: float = BEND
-) -> Spectrum:
+def fit_spectrum(pieces: Sequence[tuple], step_s: float, knot_hz: np.ndarray, bend: float = BEND) -> Spectrum:
     """Density of noise from all quiet pieces there are, long or short, with gaps, beside columns of any size in them.
 
     Pieces are (n_i,) even values, NaN where missing, and (n_i, q_i) columns; knots (k,) Hz; the response of each wave
@@ -214,6 +212,11 @@ def fit_spectrum(
     knots, frequency = np.asarray(knot_hz, dtype=float), np.linspace(0, 0.5 / step_s, NODES + 1)
     rows = zip(*(_waves(*group, step_s) for group in _alike(pieces)), strict=True)
     square, response, times = (np.concatenate(one) for one in rows)
+    if not square.size:  # pieces that are short, or have more gaps than samples, tell a level alone
+        rest = np.concatenate([without(c[g], y[g]) for y, c, g in ((y, c, np.isfinite(y)) for y, c in pieces)])
+        free = max(rest.size - sum(c.shape[1] for _, c in pieces), 1)
+        level = np.full(knots.size, np.log(max(2 * step_s * (rest @ rest) / free, 1e-300)))
+        return Spectrum(knots, level, np.full((knots.size, knots.size), 2 / free))
     whole, at = response.sum(axis=1), np.log(knots)
     middle, rough = np.log(response @ frequency / whole), square / times / whole
     near = [np.argsort(np.abs(middle - one))[: 5 * TAPERS] for one in at]

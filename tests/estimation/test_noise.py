@@ -172,6 +172,8 @@ def test_a_spectrum_of_short_pieces_is_that_of_steep_noise():
     assert np.abs(error / sigma).max() < 5
     assert sigma.max() < 0.4
     assert np.abs(error).max() < 1.0
+    gappy = np.where(np.arange(400) % 2, rng.standard_normal(400), np.nan)  # no wave is left of it: a level alone
+    assert_allclose(fit_spectrum([(gappy, np.ones((400, 1)))], 1.0, knots).log_density, np.log(2), atol=0.5)
 
 
 #: Of three axes, white.

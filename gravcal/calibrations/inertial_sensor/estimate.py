@@ -400,8 +400,7 @@ def record_of(aligned: xr.Dataset, scaled: xr.Dataset, quiet_margin_s: float, de
 def spectra_of(blocks: list[np.ndarray], step_s: float) -> tuple[Spectrum, ...]:
     """Spectra of the axes of quiet blocks (n, 3) less a cubic each, down to the length of one, with their errors."""
     knots = np.geomspace(1 / (step_s * max(map(len, blocks))), 0.5 / step_s, NOISE_KNOTS)
-    slow = [cubic(len(one)) for one in blocks]
-    each = ([(one[:, a], part) for one, part in zip(blocks, slow, strict=True)] for a in range(3))
+    each = ([(one[:, a], cubic(len(one))) for one in blocks] for a in range(3))
     return tuple(fit_spectrum(one, step_s, knots, STEADY) for one in each)
 
 
