@@ -4,7 +4,7 @@ VENV   := .venv
 BIN    := $(VENV)/bin
 STAMP  := $(VENV)/.installed
 
-.PHONY: demo test test-quick lint docs bench bench-discovery lock clean
+.PHONY: demo test test-long test-quick lint docs bench bench-discovery lock clean
 
 $(STAMP): requirements.lock pyproject.toml
 	@echo "Setting up $(VENV) from requirements.lock (two minutes, five on a slow machine; once) ..."
@@ -23,8 +23,12 @@ $(STAMP): requirements.lock pyproject.toml
 demo: $(STAMP)  ## simulate a calibration day, process it, print estimate against truth
 	@$(BIN)/gravcal demo
 
-test: $(STAMP)  ## all tests; files share their setup
-	@$(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
+PYTEST := $(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
+test: $(STAMP)  ## all tests but the long ones, ten minutes on two cores; files share their setup
+	@$(PYTEST) -m "not long"
+
+test-long: $(STAMP)  ## the long ones: effects hidden in whole records, mutated files, an installation; as long again
+	@$(PYTEST) -m long
 
 QUICK := tests/physics tests/estimation tests/effects tests/io tests/store tests/catalog tests/published \
   tests/test_architecture.py tests/test_stages.py tests/flows/test_cli.py tests/flows/test_plan.py \

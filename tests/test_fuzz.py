@@ -5,12 +5,15 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 from benchmarks import fuzz
 
 ROOT = Path(__file__).parents[1]
 RUNS, SEED = 2, 3  # of each calibration, in one process: its libraries take longer to load than a run
 
 
+@pytest.mark.long
 def test_mutated_files_never_give_a_trace_or_a_wrong_result():
     """Contract: an error, no result, questionable, or within 4 total sigma; within 1 GB and 60 s."""
     command = [sys.executable, "-m", "benchmarks", "fuzz", "--runs", str(RUNS), "--workers", "1", "--seed", str(SEED)]

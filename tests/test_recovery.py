@@ -14,6 +14,7 @@ from gravcal.calibrations.com_offset.estimate import combine
 COUNT = 12
 LEVEL = 2.5e-4  # chance that a correct code fails one of the four tests of the study
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
+pytestmark = pytest.mark.long
 
 
 @pytest.fixture(scope="module")

@@ -57,6 +57,7 @@ def installed(wheel, tmp_path_factory):
     return folder / "bin"
 
 
+@pytest.mark.long
 def test_every_file_of_the_packages_is_in_the_wheel_which_runs_from_another_folder(wheel, installed, tmp_path):
     """Contract: tables of readers, catalogue, schemas, coefficients and templates are shipped; no tests, no benchmarks.
 

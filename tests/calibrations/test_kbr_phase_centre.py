@@ -32,6 +32,7 @@ def test_without_noise_every_observable_returns_the_truth():
     assert np.abs(error[:, Y_AND_Z]).max() < 5e-5
 
 
+@pytest.mark.long
 def test_errors_are_those_of_the_reported_sigma():
     """Recovery: 8 campaigns x 6 components, both estimators; the observables share their noise. Interval of 48, 1 %."""
     z = []

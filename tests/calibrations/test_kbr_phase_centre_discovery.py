@@ -82,6 +82,7 @@ def test_a_late_star_camera_of_one_satellite_is_a_delay_of_that_one():
             np.testing.assert_allclose(row, 1e-5 * part.sum(axis=1), atol=1e-6)
 
 
+@pytest.mark.long
 @pytest.mark.parametrize(
     ("late", "cause"),
     [("SCA1BC", "timing.star_camera_delay"), ("KBR1B", "ranging.delay"), ("GNI1BD", "timing.orbit_delay")],
@@ -105,6 +106,7 @@ def test_records_shifted_against_each_other_name_no_cause_but_timing(late, cause
     assert np.all(np.abs(late_of_pair(back, pointed)) < LATE_S)
 
 
+@pytest.mark.long
 @pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="long doubles have no more digits here")
 def test_x_of_a_satellite_that_does_not_turn_keeps_its_information():
     """Independent evaluation: own columns taken off in 80 bits; the part of x that is no bias is 1e-8 of it."""
@@ -121,6 +123,7 @@ def test_x_of_a_satellite_that_does_not_turn_keeps_its_information():
     assert np.all(noise.with_restricted(view.measured, view.parts, left)["pointing_power"].values >= 0)
 
 
+@pytest.mark.long
 def test_a_phase_centre_that_moves_is_given_at_the_middle_of_the_wiggles():
     """Recovery: y of A moves by 2e-8 m/s; beside the drift the calibration has its place at the stated epoch."""
     drift = "ranging.phase_centre_drift"
@@ -138,6 +141,7 @@ def test_a_phase_centre_that_moves_is_given_at_the_middle_of_the_wiggles():
     assert abs(moved) > 10 * np.sqrt(inverse[1, 1])
 
 
+@pytest.mark.long
 def test_noise_of_star_cameras_in_the_columns_is_no_effect():
     """Recovery: noise as measured: rows without colour at high frequency, nothing gains what chance does not."""
     observed = seen(simulated(7, (("noise", "measured"),))[0])

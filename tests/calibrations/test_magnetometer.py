@@ -44,6 +44,7 @@ def study(tmp_path_factory):
     return seed, np.array(errors), np.array(agreement)
 
 
+@pytest.mark.long
 def test_errors_scatter_as_their_sigma_says(study):
     """Recovery: sum of (error/sigma)^2 of 23 parameters in its interval, 5 % of noise model; that of the parts."""
     seed, errors, agreement = study

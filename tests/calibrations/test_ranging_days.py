@@ -27,6 +27,7 @@ def simulated(folder, seed, effects=None):
     return np.concatenate([truth["phase_centre_mm"][letter] for letter in "CD"])
 
 
+@pytest.mark.long
 def test_errors_are_those_of_the_reported_sigma(tmp_path):
     """Recovery: y and z of two days, 8 errors; sum of squares in its interval, 0.02 %, and x is null.
 
@@ -48,6 +49,7 @@ def test_errors_are_those_of_the_reported_sigma(tmp_path):
     assert low < np.sum(np.square(errors)) < high, seed
 
 
+@pytest.mark.long
 def test_a_hidden_wave_is_named_and_taken_out(tmp_path):
     """Recovery: 8 mm with the argument of latitude, named alone with its size, beside noise of the star cameras."""
     simulated(tmp_path, seeds.seed("ranging_wave", 1e-4), {"ranging.once_per_revolution.sine": 8e-3})
@@ -94,6 +96,7 @@ def test_the_measured_day_holds_the_phase_centres_of_the_catalogue_and_of_the_co
     assert last["smoothed"] < 0.96 * last["as_measured"]
 
 
+@pytest.mark.long
 @pytest.mark.measured
 def test_discovery_on_the_measured_day_names_noise_of_the_star_cameras():
     """Contract: first of all and alone, nothing of the correction at 5 to 10 mHz, all above 20."""

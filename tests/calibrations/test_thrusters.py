@@ -48,6 +48,7 @@ def study(tmp_path_factory):
     return seed, np.array(errors)
 
 
+@pytest.mark.long
 def test_errors_scatter_as_their_sigma_says(study):
     """Recovery: sum of (error/sigma)^2 of each parameter; sigma itself, by 20 wrong times, is known to 10 %."""
     seed, errors = study

@@ -193,6 +193,7 @@ def test_causes_of_a_whole_session_are_told_apart_beside_all_that_is_fitted():
         design.apart(observed, ("none",))
 
 
+@pytest.mark.long
 def test_the_best_of_whole_sessions_is_flown(tmp_path):
     """Of two swings; predicted errors are those that flights achieve."""
     limits = flow.constraints("inertial_sensor") | {"period_s": [27.5], "parameters": ["k y"]}
@@ -220,6 +221,7 @@ def test_the_best_of_whole_sessions_is_flown(tmp_path):
     assert made["verified"]["error_rms"][place] < 4 * made["verified"]["sigma"][place]
 
 
+@pytest.mark.long
 def test_errors_of_a_design_grow_with_the_noise_of_the_last_event(tmp_path):
     """Three times as large in a processed day, three times as large the errors, in flights of another period too.
 
@@ -247,6 +249,7 @@ def test_errors_of_a_design_grow_with_the_noise_of_the_last_event(tmp_path):
     assert apart(1, 1, 1, 0) > 10 * design.needed(0.9, chosen.for_stage("discovery")["tie_chi2"])
 
 
+@pytest.mark.long
 def test_a_small_library_gives_a_plan_that_is_flown(tmp_path, monkeypatch):
     """Predicted errors, of one flight that chooses and one that judges, are those that another achieves."""
     monkeypatch.setattr(flow, "FLIGHTS", 1)

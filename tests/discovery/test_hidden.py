@@ -35,7 +35,7 @@ def discovered(folder, seed, effects, *options, **settings):
     return commands.discovered("com_offset", folder, *options, origin="measured")
 
 
-@pytest.mark.parametrize("apart", [0.0, 0.35])
+@pytest.mark.parametrize("apart", [0.0, pytest.param(0.35, marks=pytest.mark.long)])
 def test_nothing_is_named_on_clean_data(rng, tmp_path, apart):
     """Recovery: at the delivered level, also of amplitudes a third apart in each manoeuvre (three excesses once)."""
 
@@ -47,6 +47,7 @@ def test_nothing_is_named_on_clean_data(rng, tmp_path, apart):
     clean(draw, rng, tmp_path)
 
 
+@pytest.mark.long
 def test_a_hidden_effect_is_named(rng, tmp_path):
     """Recovery: one of five effects; alone or in its tied set, with a gain on data left out, less left than before."""
 
@@ -76,6 +77,7 @@ def test_a_lag_of_the_rods_is_named_alone_with_its_size(rng, tmp_path):
     enough(draw, rng, tmp_path)
 
 
+@pytest.mark.long
 def test_an_effect_in_no_list_follows_its_driver(rng, tmp_path):
     """Recovery: one of three; noticed, not given a catalogue name, its driver named first."""
 

@@ -4,6 +4,7 @@ from unittest import mock
 
 import commands
 import numpy as np
+import pytest
 from commands import causes
 from seeds import ALARM, MISSED, clean, enough
 
@@ -49,6 +50,7 @@ def test_nothing_is_named_on_a_clean_campaign(rng, tmp_path):
     assert np.all(np.array(change["sigma_after"]) < 1.2 * np.array(change["sigma_before"]))  # a frame is no error
 
 
+@pytest.mark.long
 def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng, tmp_path):
     """Recovery: one of four effects, alone or in its tied set, within 5 sigma; `run --model` returns the truth."""
 
@@ -83,6 +85,7 @@ def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng,
     enough(draw, rng, tmp_path)
 
 
+@pytest.mark.long
 def test_a_curvature_alike_in_both_planes_is_told_from_x_by_where_the_antenna_is(rng, tmp_path):
     """Recovery: 1 m rad-2 moves x by 2 m, which no antenna does; named with both parts, x within 5 (wider) sigma."""
     folder, truth = written(tmp_path, int(rng.integers(1_000_000)), {CURVED: {"pitch_a": 1.0, "yaw_a": 1.0}})
@@ -99,6 +102,7 @@ def _cube(_, channel, context):
     return 4e-6 * (context.extra["angle"][:, 1, 0] / 0.05) ** 3 if channel == "range" else 0.0
 
 
+@pytest.mark.long
 def test_an_effect_in_no_list_follows_its_driver(rng, tmp_path):
     """Recovery: a cube of the pitch of B, made here: noticed, not given a catalogue name, its driver named."""
 

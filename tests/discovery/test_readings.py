@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import commands
 import numpy as np
+import pytest
 from numpy.testing import assert_allclose
 
 from flows import com_offset, discover
@@ -90,6 +91,7 @@ def shown(found, channel):
     return values
 
 
+@pytest.mark.long
 def test_a_leak_is_seen_in_the_linear_reading_and_attitude_and_field_give_theirs(tmp_path):
     """Recovery: the low-passed reading itself; differences whitened are the residuals; the extension is nearer in y.
 
@@ -124,6 +126,7 @@ def test_a_leak_is_seen_in_the_linear_reading_and_attitude_and_field_give_theirs
     assert np.isnan(rest[~good]).all()
 
 
+@pytest.mark.long
 def test_a_strong_effect_is_rebuilt_in_the_records_without_it(tmp_path):
     """Recovery: a rod 3 % stronger; the rebuilt angular reading is the measured one to a part of the effect."""
     made, found, observed = discovered(tmp_path, {"torque.dipole_gain": {"rod_y": 0.03}})

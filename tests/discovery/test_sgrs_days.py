@@ -31,6 +31,7 @@ LISTED = {
 }
 PAIR = ("gradient.angular_bias", "gradient.separation")  # in one day; the others have one each
 TOGETHER = [*((one,) for one in LISTED if one not in PAIR), PAIR]
+MARKS = dict.fromkeys([*TOGETHER[:3], PAIR], pytest.mark.long)
 
 
 def simulated(folder, rng, effects, **settings):
@@ -59,7 +60,7 @@ def test_nothing_is_named_on_a_clean_day_and_what_cannot_be_seen_is_said(rng, tm
     assert max(hidden["gradient.mounting"]["drag_bias_m_s2"]) > 1e-10
 
 
-@pytest.mark.parametrize("cases", TOGETHER)
+@pytest.mark.parametrize("cases", [pytest.param(one, marks=MARKS.get(one, ())) for one in TOGETHER])
 def test_hidden_effects_are_named_with_their_size(rng, tmp_path, cases):
     """Recovery: each alone or in its tied set, parameters within 5 sigma; the model leaves nothing."""
     hidden = {case.partition(",")[0]: LISTED[case] for case in cases}

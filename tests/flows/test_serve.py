@@ -302,6 +302,7 @@ def test_a_server_runs_what_it_is_to_and_nothing_else(  # one, for its start and
     a_second_process_does_not_serve_the_same_calibration(served, environment, events)
 
 
+@pytest.mark.long
 def test_a_note_beside_the_run_says_what_a_new_event_changed(environment, events, pipeline, fakecal):
     """Contract: the joint model is brought up to date after each new event; its page is linked, the trim explains."""
     code = fakecal / "extra" / "fakecal.py"

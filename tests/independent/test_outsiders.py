@@ -75,6 +75,7 @@ def test_drag_and_centre_of_pressure_come_back(tmp_path):
     within(centre["value"], centre["sigma"], truth["centre_of_pressure_m"])
 
 
+@pytest.mark.long
 def test_multipath_of_one_satellite_is_named(tmp_path):
     """Recovery: with size and period."""
     hidden = {"value": 1e-6, "satellite": "C", "axis": 2, "period": 0.02, "phase": 0.7}
@@ -86,6 +87,7 @@ def test_multipath_of_one_satellite_is_named(tmp_path):
     assert size == pytest.approx(1e-6, abs=4 * found["yaw_a"]["sigma"])
 
 
+@pytest.mark.long
 def test_a_turned_star_tracker_is_named(tmp_path):
     """Recovery: with its angles."""
     angles = [0.05, -0.02, 0.05]
@@ -96,6 +98,7 @@ def test_a_turned_star_tracker_is_named(tmp_path):
         within(found[f"angle_{axis}"]["value"], found[f"angle_{axis}"]["sigma"], angle)
 
 
+@pytest.mark.long
 def test_a_square_of_voltages_that_changes_their_scale_by_a_third_is_found_as_its_law_has_it(tmp_path):
     """Recovery: V + 15 V^2 is recorded, of a mean that is not zero; the factor within its error, which holds it all."""
     truth = taiji.make_event(tmp_path / "data", 3, {"quadratic": [0.0, 0.0, -15.0]}, roll_s=0.0)
@@ -105,6 +108,7 @@ def test_a_square_of_voltages_that_changes_their_scale_by_a_third_is_found_as_it
     within(change["after"][0], change["sigma_after"][0], 1e6 * truth["beta"][0])
 
 
+@pytest.mark.long
 def test_a_telegraph_signal_in_the_quiet_data_too_is_no_noise(tmp_path):
     """Recovery: it is in all of the record of a swing; jumps nearer than two seconds to each other are not told."""
     taiji.make_event(tmp_path / "data", 3, {"odd_telegraph": {"value": [0, 6e-9, 0], "rate_hz": 0.05}}, roll_s=0.0)
@@ -113,6 +117,7 @@ def test_a_telegraph_signal_in_the_quiet_data_too_is_no_noise(tmp_path):
     assert re.fullmatch(r"linear reading y, [4-7]\d jumps between two levels", found["form"])
 
 
+@pytest.mark.long
 def test_a_residual_dipole_is_named(tmp_path):
     """Recovery: with its size, and the centre of pressure beside it; in under five revolutions it passes for noise."""
     truth = gradient.make_day(tmp_path / "data", 3, {"residual_dipole": [1.0, 0.0, 1.0]}, duration_s=30000.0, step=3.0)

@@ -83,6 +83,7 @@ def test_the_error_of_a_leak_is_in_the_offset(files):
     np.testing.assert_allclose(open_["sigma_um"], np.hypot(sharp["sigma_um"], moved), rtol=0.02)
 
 
+@pytest.mark.long
 def test_a_search_begins_with_the_model_that_is_given(files):
     """Contract: what the model holds is not found again; half of it is, and the new model holds both halves."""
     (document, whole), (_, half) = (found(files, one) for one in (leak(LEAK), HALF))
@@ -95,6 +96,7 @@ def test_a_search_begins_with_the_model_that_is_given(files):
     assert entries[0]["parameters"]["z_from_x"]["unit"] == "m s-2 A-1 m-2"
 
 
+@pytest.mark.long
 def test_a_run_with_the_model_of_a_search_gives_its_value_and_its_error(files):
     """Contract: averaged value and all of the error, for these records; also where the search began with a model."""
     for given in ("", HALF):

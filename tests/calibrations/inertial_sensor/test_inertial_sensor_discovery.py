@@ -69,6 +69,7 @@ def test_nothing_is_named_in_clean_data(rng, tmp_path, manoeuvre):
         assert "inertial_sensor.quadratic" in unobservable  # a constant voltage squared is a bias
 
 
+@pytest.mark.long
 def test_a_factor_of_y_off_its_ground_value_is_estimated_and_blames_nothing(rng, tmp_path):
     """Recovery: 20 % off, two sigma of the ground; nothing is named, k_y and the offset return within 5 sigma."""
     options = ("--set", "k_y=3.24e-4", "--set", "discovery_level=0.0001")
@@ -97,6 +98,7 @@ def test_a_hidden_effect_is_named_with_its_size(rng, tmp_path, manoeuvre, slug):
     enough(draw, rng, tmp_path)
 
 
+@pytest.mark.long
 def test_a_slow_wave_in_a_roll_follows_the_latitude_and_is_no_line(rng, tmp_path):
     """Recovery: with a phase in each segment of 1.7 cycles any line is such a wave, whose open mean is in the bias."""
     truth = commands.simulated("inertial_sensor", tmp_path / "level1", rng.integers(1e6), manoeuvre="roll", **SHORT)
@@ -109,6 +111,7 @@ def test_a_slow_wave_in_a_roll_follows_the_latitude_and_is_no_line(rng, tmp_path
     assert one["parameters"]["mean_z"]["sigma"] == pytest.approx(3e-7, rel=0.2)
 
 
+@pytest.mark.long
 def test_what_remembers_the_motion_decays_after_it_and_is_one_name(rng, tmp_path):
     """Recovery: the size of the rate about x, 17 s long, so that a quarter is there after the swing: no step beside."""
     truth = commands.simulated("inertial_sensor", tmp_path / "level1", rng.integers(1e6), manoeuvre="swing", **SHORT)
@@ -155,6 +158,7 @@ def drift_beside_a_swing(seed, folder):
     return scatter[1] < scatter[0] / 4 and not far(document["findings"][0], hidden[DRIFT])
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", [step_in_a_swing, drift_beside_a_swing])
 def test_a_model_takes_its_effect_out(rng, tmp_path, case):
     """Recovery: what was found alone brings the result back; see the cases."""
