@@ -211,7 +211,8 @@ def _power(found):
         return None
     blocks, bands = found["test_block"].values, found["test_band"].values
     each, size = (1, 3.6) if blocks.max() < 40 else (10, 2.0)  # block that is numbered, size of the points
-    look = {"xlabel": "manoeuvre, four bands from low to high frequency", "ylabels": [names[k] for k in tested]}
+    part = "manoeuvre" if found.attrs["blocks"].startswith("manoeuvre ") else "part of the record"
+    look = {"xlabel": f"{part}, four bands from low to high frequency", "ylabels": [names[k] for k in tested]}
     drawn, panels = grid(len(tested), 1, 0.7 + 0.95 * len(tested), sharex=True, margins={"hspace": 0.16}, **look)
     for (panel,), k in zip(panels, tested, strict=True):
         here = found["test_channel"].values == k
@@ -222,8 +223,7 @@ def _power(found):
         _wide(panel)
     named = enumerate(found.attrs["blocks"].split(", "), start=1)
     named = {k: name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(k) for k, name in named}
-    places = range(each, int(blocks.max()) + 2, each)
-    panel.set_xticks(places, [named[k] for k in places])
+    panel.set_xticks([*named][each - 1 :: each], [*named.values()][each - 1 :: each])
     return drawn
 
 
@@ -271,9 +271,8 @@ def _spectrum(found, channel):
 
 def shown(found, number: int) -> tuple[Shown, np.ndarray, dict[str, np.ndarray]] | None:
     """Place of a finding, epochs s from the first (n,), {side: (n,)} of its axis; None where it helps no reading."""
-    rows = outcome_of(found).readings.shown
-    known = (one for one in rows if f"{one.channel}_measured" in found)  # not that of a plugin
-    one = next((one for one in known if one.finding == number), None)
+    rows = (one for one in outcome_of(found).readings.shown if one.finding == number)
+    one = next((one for one in rows if f"{one.channel}_measured" in found), None)  # not that of a plugin
     if one is None:
         return None
     channel = one.channel

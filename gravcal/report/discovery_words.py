@@ -58,9 +58,10 @@ def _stated(known):
 
 def _phrase(cause, name, parameter):
     """A parameter of a listed effect with its number, in the words of the catalogue."""
-    value, sigma = parameter.value, parameter.sigma
-    listed = effects.catalogue().get(cause)
-    meaning = next((p.meaning for p in listed.parameters if p.name == name), "") if listed else ""
+    value, sigma, listed = parameter.value, parameter.sigma, effects.catalogue().get(cause)
+    known = {one.name: one.meaning for one in listed.parameters} if listed else {}
+    alone = f"{known[name[:-2]]} of sensor {name[-1]}" if name[-2:] in ("_1", "_2") and name[:-2] in known else ""
+    meaning = known.get(name, alone)
     if name == "time":
         return f"at {gps_text(value)} GPS" + (f" ± {sigma:.2g} s" if sigma else "")
     if meaning.startswith("relative excess of "):

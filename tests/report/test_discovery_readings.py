@@ -108,6 +108,8 @@ def test_every_effect_of_the_catalogue_has_a_sentence():
         for parameter in effect.parameters:
             text = words.sentence(finding(slug, **{parameter.name: (0.5, 0.01, parameter.unit)}))
             assert not re.search("[a-z]_", text.replace(parameter.name, "")), text
+    text = words.sentence(finding("accelerometer.temperature", y_1=(3e-9, 1e-10, "m s-2")))  # of one of two sensors
+    assert text.startswith("The change from long night to long day of y of sensor 1 is 3.00 ± 0.10 nm s⁻²")
 
 
 def test_a_form_that_was_named_has_its_own_size_beside_what_is_left_if_all_are_free():
