@@ -39,6 +39,13 @@ def gravcal(*arguments):
     return ended.value.code or 0
 
 
+def printed_json(capsys, *arguments):
+    """What a command says as JSON; it must deliver."""
+    capsys.readouterr()
+    assert gravcal(*arguments, "--json", "-") == 0
+    return json.loads(capsys.readouterr().out)
+
+
 def document(word, calibration, data, *options, origin="simulated"):
     """Exit code and document, a valid one, of a command on the files of a folder, written beside it as WORD.json.
 

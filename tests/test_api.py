@@ -42,8 +42,7 @@ def test_the_package_leads_to_its_interface():
 
 def red_noise(rng, count, size):
     """Red noise (count,) that a model of order 8 holds, and its quiet data."""
-    density = lambda f: size**2 * (1 + 0.01 / np.maximum(f, 1e-3))  # noqa: E731
-    return coloured(density, 2 * count, 0.1, rng)
+    return coloured(lambda f: size**2 * (1 + 0.01 / np.maximum(f, 1e-3)), 2 * count, 0.1, rng)
 
 
 def manoeuvre(rng, offset, noise_size=1e-10):
@@ -119,9 +118,8 @@ def test_the_other_estimators_take_what_the_equations_say():
     volt = offset_tensor(rate, rate_dot, gradient) @ place / scale + 0.2
     found = inertial_sensor.estimate(rate, rate_dot, gradient, volt, time, small, scale)
     assert_allclose(found.value, place, atol=1e-12)
-    line = np.stack(
-        [np.cos(0.03 * np.sin(time / 9)), np.sin(0.03 * np.sin(time / 9)), 0.01 * np.cos(time / 11)], axis=1
-    )
+    angle = 0.03 * np.sin(time / 9)
+    line = np.stack([np.cos(angle), np.sin(angle), 0.01 * np.cos(time / 11)], axis=1)
     both = np.stack([line, line[::-1] * [1, -1, 1]], axis=1)
     centres = np.array([[1.444, 1e-3, -2e-3], [1.445, -1e-3, 3e-3]])
     found = kbr_phase_centre.estimate(both, -np.einsum("nka,ka->n", both, centres), time, small[0], 1)

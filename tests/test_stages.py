@@ -82,9 +82,8 @@ def test_settings_are_handed_on_and_equations_that_cannot_be_solved_are_an_error
     found = stage._of_input(np.linalg.LinAlgError("SVD did not converge"), call)
     assert isinstance(found, EstimationError)
     assert re.search("demo: demo.fit found equations .* Check the input files", str(found))
-    infinite = np.array([np.inf])
     with pytest.raises(ValueError, match="infs or NaNs") as raised:
-        np.asarray_chkfinite(infinite)
+        np.asarray_chkfinite([np.inf])
     assert isinstance(stage._of_input(raised.value, call), EstimationError)
     for other in (KeyError("x"), ValueError("x")):
         assert stage._of_input(other, call) is other

@@ -6,13 +6,14 @@ import json
 import threading
 import time
 from dataclasses import dataclass
+from types import SimpleNamespace
 
 import numpy as np
 import xarray as xr
 
 from flows.calibration import load_all
 from gravcal.browse import app
-from gravcal.store import keys, store
+from gravcal.store import history, keys, location, store
 
 TIME = {"units": "seconds since 2000-01-01 12:00:00", "long_name": "GPS time", "units_metadata": "leap_seconds: none"}
 EVENT = "grace-c-2020-03-01"
@@ -33,13 +34,8 @@ def dataset(count, scale=1.0, start=6.4e8):
 MODULES = {"gravcal.estimation.noise": "old", "catalog/igrf.shc": "old", "gravcal.physics.frames": "same"}
 
 #: Label of a raw file, but for its digest.
-FILE = {
-    "file": "MAG1B_2020-03-01_C_04.txt",
-    "product": "MAG1B",
-    "satellite": "C",
-    "date": "2020-03-01",
-    "release": "04",
-}
+FILE = {"file": "MAG1B_2020-03-01_C_04.txt", "product": "MAG1B", "satellite": "C", "date": "2020-03-01"}
+FILE |= {"release": "04"}
 
 
 def model(value, **more):
@@ -85,6 +81,15 @@ def calibration(event, scale, origin="measured", modules=MODULES, extended=(), *
     files = {"report.html": page, "result.json": json.dumps(result(event, [10 * scale, 0.0, -5.0], origin) | told)}
     report = put(f"{event}/com_offset.report", dataset(10), told, list(ones.values()), files)
     return {"align": align, "extended": taken, "report": report} | ones
+
+
+def experiment(name, scale, **settings):
+    """Publish the chain of an experiment with a run of its own; references by stage."""
+    with location.configured(name):
+        own = calibration(EVENT, scale, **settings)
+        with history.recorded("com_offset", EVENT) as note:
+            note(SimpleNamespace(event=EVENT, unmade=own["report"]), "made", own["report"])
+    return own
 
 
 @dataclass(frozen=True)

@@ -5,7 +5,6 @@ import io
 import json
 import re
 from pathlib import Path
-from types import SimpleNamespace
 
 import axe_core_python
 import numpy as np
@@ -13,12 +12,12 @@ import pytest
 import xarray as xr
 from chromium import DRAWN, click, complaints, wait
 from commands import gravcal
-from invented_store import EVENT, FILE, calibration, dataset, model, put, result
+from invented_store import EVENT, FILE, calibration, dataset, experiment, model, put, result
 
 from gravcal.browse import store_index
 from gravcal.report import discovery, pages
 from gravcal.report.figures import HANN, grid
-from gravcal.store import configurations, history, location
+from gravcal.store import configurations, location
 
 PAGES = ("/", "/products?all=1", f"/event/{EVENT}", f"/event/{EVENT}/discovery", "/timeline/com_offset",
          "/compare/com_offset", "/designs", "/designs?event=grace-c-2020-02-01",
@@ -52,10 +51,7 @@ def searched(event):
 def day(shop):
     """Return the invented store with a discovery and an experiment beside the delivery."""
     searched(EVENT)
-    with location.configured("gain-9"):
-        own = calibration(EVENT, 1.5, gain=9.0)
-        with history.recorded("com_offset", EVENT) as note:
-            note(SimpleNamespace(event=EVENT, unmade=own["report"]), "made", own["report"])
+    own = experiment("gain-9", 1.5, gain=9.0)
     location.write_json(configurations._path("com_offset", "gain-9"), {"name": "gain-9", "settings": {"gain": 9.0}})
     return shop | {"tried": own}
 
@@ -67,10 +63,7 @@ def test_the_chain_is_that_of_the_last_run_and_results_say_how_they_differ(day, 
     """
     nodes = store_index.chain(EVENT, flow="com_offset")
     assert {node.stage for node in nodes} == {
-        "com_offset.align",
-        "com_offset.report",
-        "com_offset.solve.mtq",
-        "com_offset.solve.acc",
+        f"com_offset.{one}" for one in ("align", "report", "solve.mtq", "solve.acc")
     }
     assert {node.key for node in nodes} == {day["again"][name].key for name in ("align", "report", "mtq", "acc")}
     assert "com_offset.discovery_report" in {node.stage for node in store_index.chain(EVENT)}
@@ -175,9 +168,8 @@ def test_what_is_drawn_comes_as_csv(shop, ask):
     assert rows[0][:3] == ["x", "640000000.0", "2020-04-12 21:46:40.000"]
     assert float(rows[5][3]) == pytest.approx(np.sin(2 * np.pi * 0.25), abs=1e-6)
     start = (6.4e8 + 946728000.0) * 1e3  # ms of the axis
-    assert len(ask(f"{where}?column=0&from={start + 1000}&to={start + 3000}").text.splitlines()) == pytest.approx(
-        23, abs=2
-    )
+    part = ask(f"{where}?column=0&from={start + 1000}&to={start + 3000}").text
+    assert len(part.splitlines()) == pytest.approx(23, abs=2)
     said, heads, *rows = ask(f"{where}?view=spectrum").text.splitlines()
     assert said.startswith(f"# {HANN} of 5000 samples, mean power of 7 that overlap by half (Welch)")
     assert heads == 'series,frequency (Hz),"density of acceleration_b (m s-2), Hz-1/2"'
@@ -247,10 +239,8 @@ def test_a_view_stands_in_the_address_and_in_the_csv(at, shop):
     browser.execute_script(f"{range_}.setv({{start: {start + 1000}, end: {start + 3000}}})")
     wait(browser, lambda one: "from=" in one.current_url)
     assert "from=" in browser.find_element("id", "csv").get_attribute("href")
-    shown = (
-        "const d = Bokeh.documents[0].get_model_by_name('line-0').data; return [d.x[5], d.s[5], d.x.length, d.s.length]"
-    )
-    x, seconds, *lengths = browser.execute_script(shown)
+    drawn = "const d = Bokeh.documents[0].get_model_by_name('line-0').data; "
+    x, seconds, *lengths = browser.execute_script(drawn + "return [d.x[5], d.s[5], d.x.length, d.s.length]")
     assert seconds == pytest.approx(x / 1e3 - 946728000.0)  # GPS seconds beside calendar time, under the mouse
     assert lengths[0] == lengths[1] == pytest.approx(23, abs=2)  # the samples themselves
     browser.get(browser.current_url)

@@ -7,16 +7,14 @@ import re
 import subprocess
 import sys
 import urllib.parse
-from types import SimpleNamespace
 
-import invented_store
 import pytest
-from invented_store import EVENT, calibration, client
+from invented_store import EVENT, calibration, client, dataset, experiment, put, result
 
 from flows.calibration import load
 from gravcal.browse import app, pages, store_index, timeline
 from gravcal.errors import GravcalError
-from gravcal.store import history, location
+from gravcal.store import history
 
 
 def test_every_link_of_every_page_leads_somewhere(ask, shop):
@@ -83,9 +81,8 @@ def test_simulated_events_have_a_mark_and_a_banner_of_their_own(ask, shop):
 def test_a_failed_attempt_stands_beside_what_was_delivered(ask, shop):
     """Contract: the event stays delivered on both pages; what failed since is said beside it, and where."""
     attempt = {"event": EVENT, "flow": "com_offset", "status": "failed", "started": "2026-02-01T00:00:00+00:00"}
-    history.write_run(
-        attempt | {"failed": "com_offset.align", "error": "no <files> elsewhere", "seconds": 1.0, "stages": {}}
-    )
+    attempt |= {"failed": "com_offset.align", "error": "no <files> elsewhere", "seconds": 1.0, "stages": {}}
+    history.write_run(attempt)
     assert "a later attempt failed" in ask("/").text
     page = ask(f"/event/{EVENT}").text
     assert "com_offset: delivered" in page
@@ -219,9 +216,9 @@ def test_the_time_line_shows_value_error_and_verdict(ask, shop):
     assert ask("/timeline/com_offset/C.json").status_code == 200
     assert ask("/timeline/com_offset/D.json").status_code == 404
     event = "grace-d-2021-05-01"
-    document = invented_store.result(event, [1.0, 2.0, 3.0]) | {"status": "questionable"}
+    document = result(event, [1.0, 2.0, 3.0]) | {"status": "questionable"}
     files = {"result.json": json.dumps(document), "report.html": "<p>page</p>"}
-    invented_store.put(f"{event}/com_offset.report", invented_store.dataset(10), files=files)
+    put(f"{event}/com_offset.report", dataset(10), files=files)
     assert {point.mood for point in timeline.points(load("com_offset")) if point.event == event} == {"questionable"}
     assert "questionable</span>" in ask("/timeline/com_offset").text
 
@@ -264,16 +261,12 @@ def test_a_product_is_compared_with_its_successor_and_drawn_along_its_samples(sh
     assert [one.ref.variant for one in store_index.siblings(old)] == ["acc"]
     newer = [why for one, why in store_index.relatives(old) if one.ref.key == shop["again"]["mtq"].key]
     assert newer == [["gain: 1.5 -> 1.0"]]
-    where = f"/figure/{shop['first']['align'].key}/acceleration_b"
-    assert "number of the sample" in ask(f"{where}?even=1").text
+    assert "number of the sample" in ask(f"/figure/{shop['first']['align'].key}/acceleration_b?even=1").text
 
 
 def test_an_experiment_is_shown_as_such_beside_the_operational_result(shop, ask):
     """Contract: home, event and time line are operational; the experiment has a page, a mark and its own chain."""
-    with location.configured("gain-9"):
-        own = calibration(EVENT, 3.0, gain=9.0)
-        with history.recorded("com_offset", EVENT) as note:
-            note(SimpleNamespace(event=EVENT, unmade=own["report"]), "made", own["report"])
+    own = experiment("gain-9", 3.0, gain=9.0)
     row = next(row for row in store_index.results() if row["event"] == EVENT)
     assert row["report"].ref.key == shop["again"]["report"].key
     assert row["run"]["configuration"] == "operational"

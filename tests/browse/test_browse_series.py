@@ -88,8 +88,7 @@ def test_difference_of_shifted_grids_interpolates():
 
 def test_spectrum_of_white_noise_is_its_density():
     """Analytic: white noise of variance s^2 at step dt has amplitude density s sqrt(2 dt)."""
-    rng = np.random.default_rng(2)
-    x, y = 0.5 * np.arange(200_000), 3.0 * rng.standard_normal(200_000)
+    x, y = 0.5 * np.arange(200_000), 3.0 * np.random.default_rng(2).standard_normal(200_000)
     y[150_000] = np.nan
     frequency, density, said = series.spectrum(series_of(x, y))
     assert "Welch" in said

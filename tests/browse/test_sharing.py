@@ -11,7 +11,7 @@ from unittest import mock
 import pytest
 import xarray as xr
 import yaml
-from commands import gravcal
+from commands import gravcal, printed_json
 from invented_store import EVENT, calibration, dataset, model, put, result
 
 from flows import export
@@ -40,8 +40,7 @@ def test_an_event_leaves_in_one_zip(shop, tmp_path, capsys):
     with pytest.raises(ProductError, match="gravcal run"):
         export.export("nothing", tmp_path / "x.zip")
     assert gravcal("export", EVENT, "--out", tmp_path / "folder", "--as", "nothing") == 1
-    assert gravcal("export", EVENT, "--out", tmp_path / "folder", "--json", "-") == 0
-    assert sorted(files) == json.loads(capsys.readouterr().out)["files"]
+    assert sorted(files) == printed_json(capsys, "export", EVENT, "--out", tmp_path / "folder")["files"]
     with xr.open_dataset(tmp_path / "folder" / "products" / "com_offset.align.nc") as opened:
         assert opened.attrs["Conventions"].startswith("CF-")
 
@@ -71,14 +70,12 @@ def test_the_model_of_a_run_leaves_with_it(tmp_path):
 @pytest.mark.parametrize(("satellite", "name"), [("C", "MAG1B"), ("C", "ACC1A"), ("A", "KBR1B"), ("T", "TAIJI")])
 def test_a_result_says_what_to_cite(satellite, name, monkeypatch):
     """Contract: measured data and papers by DOI where they have one; a file that the format's keys describe."""
-    raw = [{"satellite": satellite, "product": name}]
-    monkeypatch.setattr(history, "raw_files", lambda _: raw)
-    of = lambda origin: lambda _: mock.Mock(attrs={"origin": origin})  # noqa: E731
-    monkeypatch.setattr(export.housekeeping, "content", of("simulated"))
-    reports = [one for one in export.housekeeping.entries(event=EVENT) if one.ref.stage.endswith("report")]
-    found = yaml.safe_load(export.citation(EVENT, "operational", reports))
-    monkeypatch.setattr(export.housekeeping, "content", of("measured"))
-    measured = yaml.safe_load(export.citation(EVENT, "operational", reports))
+    monkeypatch.setattr(history, "raw_files", lambda _: [{"satellite": satellite, "product": name}])
+    reports, both = [one for one in export.housekeeping.entries(event=EVENT) if one.ref.stage.endswith("report")], []
+    for origin in ("simulated", "measured"):
+        monkeypatch.setattr(export.housekeeping, "content", mock.Mock(return_value=mock.Mock(attrs={"origin": origin})))
+        both.append(yaml.safe_load(export.citation(EVENT, "operational", reports)))
+    found, measured = both
     for one in (measured, yaml.safe_load((ROOT / "CITATION.cff").read_text())):
         assert {"cff-version", "message", "title", "authors", "type", "references"} <= set(one)
         assert all({"type", "title", "authors"} <= set(reference) for reference in one["references"])
@@ -101,8 +98,7 @@ def test_delivered_results_are_a_catalogue_with_links(ask, tmp_path, capsys):
     served = list(csv.DictReader(io.StringIO(ask("/results.csv").text)))
     assert [row["value"] for row in served] == [row["value"] for row in rows]
     assert ask(urllib.parse.urlsplit(served[0]["document"]).path).status_code == 200
-    assert gravcal("results", "kbr_phase_centre", "--json", "-") == 0
-    assert json.loads(capsys.readouterr().out) == []
+    assert printed_json(capsys, "results", "kbr_phase_centre") == []
 
 
 @pytest.mark.usefixtures("shop")

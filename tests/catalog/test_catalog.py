@@ -117,6 +117,7 @@ def test_a_users_own_satellite_is_found_first(own_folder, monkeypatch):
         catalog.satellite("C")
 
 
+EARLIER, SECOND = '[[found]]\nkind = "yaw"\nstart = 2\nstop = 1', "[a_s]\nvalue = 1\nstage = 'x'\nreason = 'r'\n"
 #: What a file of each kind says wrongly, and what the error names.
 BROKEN = {
     "satellites": [
@@ -131,17 +132,11 @@ BROKEN = {
         (EVENT.replace('["grace-c"]', '["grace-z"]'), "no satellite named 'grace-z'"),
         (EVENT.replace('"printed"', '"unknown"'), "date_status: found 'unknown'; expected a status that fits"),
         (EVENT.replace('"com_offset_session"', '"sesion"'), "no design named 'sesion'"),
-        (
-            EVENT.replace("found = []", '[[found]]\nkind = "yaw"\nstart = 2\nstop = 1'),
-            r"found\.stop: found 1; expected later",
-        ),
+        (EVENT.replace("found = []", EARLIER), r"found\.stop: found 1; expected later"),
     ],
     "parameters": [
-        (
-            "[a_s]\nvalue = 1\nunit = 's'\nmaximum = 0.5\nstage = 'x'\nreason = 'r'\n",
-            r"a_s: found 1\.0; expected between",
-        ),
-        ("[a_s]\nvalue = 1\nstage = 'x'\nreason = 'r'\ndefault = 3\n", "'default' was unexpected"),
+        (SECOND + "unit = 's'\nmaximum = 0.5\n", r"a_s: found 1\.0; expected between"),
+        (SECOND + "default = 3\n", "'default' was unexpected"),
     ],
 }
 
@@ -201,12 +196,11 @@ def test_found_manoeuvres_and_digests_are_kept_in_the_users_catalogue(own_folder
     The shipped catalogue is never changed by a run.
     """
     found = [{"kind": "pitch", "start": 700000000.1234567, "stop": 700000180.1}, catalog.Manoeuvre("yaw", 1.0, 2.0)]
-    digest = "0" * 64
-    digests = {"ACC1A_2024-02-01_C_04.txt": digest}
+    digests = {"ACC1A_2024-02-01_C_04.txt": "0" * 64}
     text = catalog.event_text("com_offset", "com_offset_session", ["C"], datetime.date(2024, 2, 1), found, digests)
     saved = catalog.save_event("grace-c-2024-02-01", text)
     assert saved.found == (catalog.Manoeuvre("pitch", 700000000.1234567, 700000180.1), found[1])
-    assert saved.raw_files[0].sha256 == digest
+    assert saved.raw_files[0].sha256 == "0" * 64
     assert catalog.event("grace-c-2024-02-01") == saved
     assert [path.name for path in (own_folder / "events").iterdir()] == ["grace-c-2024-02-01.toml"]
     found = [{"kind": "+pitch", "start": 6.5e8, "stop": 6.5e8 + 3780.0, "satellite": "D"}]

@@ -69,8 +69,7 @@ def generic(entry, scene):
 
 def test_every_effect_is_stated_in_full_and_once():
     """Contract: family.name, parameters with unit, meaning and prior, names unique, a reference; none hides another."""
-    families = (accelerometer.EFFECTS, sensors.EFFECTS, sensors.TIMING, torque.EFFECTS)
-    every = [entry.slug for family in families for entry in family]
+    every = [one.slug for one in (*accelerometer.EFFECTS, *sensors.EFFECTS, *sensors.TIMING, *torque.EFFECTS)]
     assert len(every) == len(set(every) & set(SLUGS))
     for slug, entry in catalogue().items():
         assert re.fullmatch(r"[a-z]+(_[a-z]+)*\.[a-z]+(_[a-z0-9]+)*", slug)
@@ -121,9 +120,8 @@ def test_an_offset_is_felt_by_its_tensor_and_a_moving_one_by_the_coriolis_term()
     """Analytic: f = (M - G) p with p = -offset; p moves at speed v, zero at mid manoeuvre: t T v + 2 w x v."""
     scene, speed, offset = context(), np.array([1e-7, -2e-7, 3e-7]), np.array([1.07e-4, -4e-5, 1.2e-5])
     tensor = sensing.offset_tensor(scene.rate_b, scene.rate_dot_b, scene.gradient_b)
-    assert_allclose(
-        effect("accelerometer.offset").contribution(scene, offset), -tensor @ offset, rtol=1e-12, atol=1e-24
-    )
+    found = effect("accelerometer.offset").contribution(scene, offset)
+    assert_allclose(found, -tensor @ offset, rtol=1e-12, atol=1e-24)
     found = effect("accelerometer.moving_offset").contribution(scene, speed)
     middle = (scene.start + scene.stop) / 2
     for k in (0, 20, COUNT - 1):
@@ -161,14 +159,8 @@ SIGNS = {
 @pytest.mark.parametrize("slug", sorted(SIGNS))
 def test_signs_are_as_stated(slug):
     """Analytic: by hand, for a dipole 27.5 A m2 along x in a field of 40 uT along z, one number each."""
-    fields = {
-        "time": 1.0,
-        "dipole_b": [27.5, 0, 0],
-        "field_b": [0, 0, 4e-5],
-        "rate_b": [1e-3, 0, 0],
-        "linear_b": [1e-7, 2e-7, 3e-7],
-        "angular_b": [1e-5, 2e-5, 3e-5],
-    }
+    fields = {"time": 1.0, "dipole_b": [27.5, 0, 0], "field_b": [0, 0, 4e-5], "rate_b": [1e-3, 0, 0]}
+    fields |= {"linear_b": [1e-7, 2e-7, 3e-7], "angular_b": [1e-5, 2e-5, 3e-5]}
     scene = Context(**{name: np.array([value]) for name, value in fields.items()})
     extra = {"mass": 580.0, "non_gravitational_b": np.array([[1e-8, 2e-8, 3e-8]]), "warmth": np.array([0.5])}
     extra |= {"nominal_impulse_b": np.array([[1e-4, 2e-4, 8e-4]]), "heads_b": np.array([[2e-5, -4e-5, 0]])}
@@ -211,17 +203,14 @@ EXTRA = {"angle": ANGLE, "range": np.full(5, 2e5), "range_rate": np.full(5, 0.5)
 EXTRA |= {"line_of_sight_b": LINE, "antenna_x": np.array([1.4, 1.5]), "argument": np.pi / 2 * TIME, "warmth": TIME / 4}
 EXTRA["correction_band"] = np.outer(np.arange(5), [0, 1, 0, 0, 0])
 CONTEXT = Context(time=TIME, extra=EXTRA)
+HALF = np.array([0, -(1 - 0.5**0.5), -1, -1 - 0.5**0.5, -2])  # half a wave of a cosine, less one
 
 
 @pytest.mark.parametrize(
     ("slug", "given", "expected"),
     [
         ("ranging.multipath", {"pitch_a": 2e-6}, 2e-6 * np.array([0, 1, 0, -1, 0])),
-        (
-            "ranging.multipath",
-            {"cosine_pitch_a": 1e-6, "period": 2 * RIPPLE},
-            1e-6 * (np.array([0, -(1 - 0.5**0.5), -1, -1 - 0.5**0.5, -2])),
-        ),
+        ("ranging.multipath", {"cosine_pitch_a": 1e-6, "period": 2 * RIPPLE}, 1e-6 * HALF),
         ("ranging.phase_break", {"size": 0.01, "time": 2.5}, [0, 0, 0, 0.01, 0.01]),
         ("ranging.delay", {"delay": 1e-3}, np.full(5, -5e-4)),
         ("ranging.scale", {"excess": 1e-8}, np.full(5, 2e-3)),
@@ -292,6 +281,5 @@ def test_what_is_mounted_elastically_follows_as_its_equation_says():
     system = signal.cont2discrete(([own**2], [1, 2 * damping * own, own**2]), 0.5)[:2]
     expected = signal.lfilter(np.squeeze(system[0]), system[1], (drive + np.roll(drive, -1, axis=0)) / 2, axis=0)
     assert_allclose(accelerometer.deflection(time, drive, frequency, damping), expected, atol=1e-10)
-    assert_allclose(
-        accelerometer.deflection(np.arange(0.0, 3e3), np.ones((3000, 1)), frequency, damping)[-1], 1.0, rtol=1e-9
-    )
+    lasting = accelerometer.deflection(np.arange(0.0, 3e3), np.ones((3000, 1)), frequency, damping)
+    assert_allclose(lasting[-1], 1.0, rtol=1e-9)

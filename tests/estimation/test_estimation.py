@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import seeds
 from numpy.testing import assert_allclose
-from scipy import stats
+from scipy import linalg, stats
 
 from gravcal.estimation import least_squares
 from gravcal.estimation.least_squares import Score
@@ -12,11 +12,7 @@ from gravcal.estimation.least_squares import Score
 
 def block(rng, count=60, parameters=3, nuisance=4):
     """Random design, nuisance and observation of one block, unit white noise on zero truth."""
-    return (
-        rng.standard_normal(count),
-        rng.standard_normal((count, parameters)),
-        rng.standard_normal((count, nuisance)),
-    )
+    return tuple(rng.standard_normal(shape) for shape in (count, (count, parameters), (count, nuisance)))
 
 
 def test_projecting_nuisance_out_equals_estimating_it_along():
@@ -32,29 +28,21 @@ def test_projecting_nuisance_out_equals_estimating_it_along():
     assert_allclose(least_squares.without(np.zeros((60, 2)), y), y)
 
 
-FREE = np.zeros((3, 3))  # no prior
+FREE, NONE = np.zeros((3, 3)), np.zeros((0, 3))  # no prior, no error beside the noise
 
 
 def test_blocks_joined_equal_one_large_least_squares():
     """Analytic: three blocks with nuisance of their own against one stacked design."""
     rng = np.random.default_rng(3)
     blocks = [block(rng) for _ in range(3)]
-    joined = least_squares.combine(
-        [least_squares.score(*b) for b in blocks], [np.zeros((0, 3))] * 3, [np.zeros((0, 3))] * 3, FREE
-    )
-    N = np.zeros((180, 12))
-    for i, b in enumerate(blocks):
-        N[60 * i : 60 * i + 60, 4 * i : 4 * i + 4] = b[2]
-    full = np.concatenate([np.concatenate([b[1] for b in blocks]), N], axis=1)
+    joined = least_squares.combine([least_squares.score(*b) for b in blocks], [NONE] * 3, [NONE] * 3, FREE)
+    full = np.concatenate([np.concatenate([b[1] for b in blocks]), linalg.block_diag(*(b[2] for b in blocks))], axis=1)
     y = np.concatenate([b[0] for b in blocks])
     assert_allclose(joined.value, np.linalg.lstsq(full, y, rcond=None)[0][:3], rtol=1e-9)
     assert_allclose(joined.covariance, np.linalg.inv(full.T @ full)[:3, :3], rtol=1e-9)
     residual = y - full @ np.linalg.lstsq(full, y, rcond=None)[0]
-    alone = [
-        b[0] - np.concatenate(b[1:], axis=1) @ np.linalg.lstsq(np.concatenate(b[1:], axis=1), b[0], rcond=None)[0]
-        for b in blocks
-    ]
-    assert joined.chi2 == pytest.approx(residual @ residual - sum(r @ r for r in alone), rel=1e-9)
+    alone = sum(np.linalg.lstsq(np.concatenate(b[1:], axis=1), b[0], rcond=None)[1][0] for b in blocks)
+    assert joined.chi2 == pytest.approx(residual @ residual - alone, rel=1e-9)
     assert joined.dof == 6
 
 
@@ -66,7 +54,7 @@ def test_own_and_shared_errors_weight_like_the_dense_covariance():
     own = [0.3 * rng.standard_normal((2, 3)) for _ in range(4)]
     estimates = [rng.standard_normal(3) for _ in range(4)]
     scores = [Score(i @ x, i, i) for i, x in zip(information, estimates, strict=True)]
-    joined = least_squares.combine(scores, own, [np.zeros((0, 3))] * 4, FREE)
+    joined = least_squares.combine(scores, own, [NONE] * 4, FREE)
     weight = [np.linalg.inv(np.linalg.inv(i) + m.T @ m) for i, m in zip(information, own, strict=True)]
     total = np.linalg.inv(sum(weight))
     value = total @ sum(w @ x for w, x in zip(weight, estimates, strict=True))
@@ -83,14 +71,10 @@ def test_a_shared_error_moves_the_value_as_weighted_and_is_free_in_the_consisten
     shared = [np.array([[0.4, 0.1, -0.2]]) * f for f in (1.0, 2.0, -0.5)]
     estimates = [rng.standard_normal(3) for _ in range(3)]
     scores = [Score(i @ x, i, i) for i, x in zip(information, estimates, strict=True)]
-    joined = least_squares.combine(scores, [np.zeros((0, 3))] * 3, shared, FREE)
-    total = np.linalg.inv(sum(information))
-    shift = total @ sum(i @ m[0] for i, m in zip(information, shared, strict=True))
+    joined = least_squares.combine(scores, [NONE] * 3, shared, FREE)
+    shift = np.linalg.solve(sum(information), sum(i @ m[0] for i, m in zip(information, shared, strict=True)))
     assert_allclose(joined.shift[0], shift, rtol=1e-9)
-    dense = np.zeros((9, 9))
-    for i, one in enumerate(information):
-        dense[3 * i : 3 * i + 3, 3 * i : 3 * i + 3] = np.linalg.inv(one)
-    mode = np.concatenate([m[0] for m in shared])
+    dense, mode = linalg.block_diag(*np.linalg.inv(information)), np.concatenate([m[0] for m in shared])
     weight = np.linalg.inv(dense + np.outer(mode, mode))
     x, A = np.concatenate(estimates), np.tile(np.eye(3), (3, 1))
     best = np.linalg.solve(A.T @ weight @ A, A.T @ weight @ x)
@@ -147,7 +131,7 @@ def test_what_a_block_does_not_tell_harms_no_other_component():
     """
     full, part = np.diag([2.0, 3.0, 4.0]), np.diag([5.0, 0.0, 0.0])
     scores = [Score(full @ [1.0, 2.0, 3.0], full, full), Score(part @ [2.0, 9.0, 9.0], part, part)]
-    joined = least_squares.combine(scores, [np.zeros((0, 3))] * 2, [np.zeros((0, 3))] * 2, FREE)
+    joined = least_squares.combine(scores, [NONE] * 2, [NONE] * 2, FREE)
     assert_allclose(joined.value, [12 / 7, 2.0, 3.0])
     assert joined.dof == 1
     assert joined.chi2 == pytest.approx(1.0 / (1 / 2 + 1 / 5))
@@ -157,7 +141,7 @@ def test_what_a_block_does_not_tell_harms_no_other_component():
     normal[1, 0], normal[2, 0] = 3e10, -2e9
     true = np.array([0.0, 4e-6, 13e-6])
     block = Score(normal @ true + np.array([3e3, 0.0, 0.0]), normal, information)
-    joined = least_squares.combine([block], [np.zeros((0, 3))], [np.zeros((0, 3))], np.eye(3) / 1e-3**2)
+    joined = least_squares.combine([block], [NONE], [NONE], np.eye(3) / 1e-3**2)
     assert_allclose(joined.value[1:], true[1:], atol=1e-9)
     assert np.sqrt(joined.covariance[0, 0]) > 0.9e-3
 

@@ -1,6 +1,7 @@
 """Noise: fits, whitening, densities, lines and levels against independent evaluations."""
 
 import functools
+import itertools
 
 import numpy as np
 import pytest
@@ -143,12 +144,9 @@ def test_removed_parameters_raise_the_variance_and_the_order_yields_to_short_dat
 def test_coloured_noise_has_the_density_asked_for():
     """Recovery: averaged periodograms in eight bands equal the density, five standard errors."""
     rng = seeds.generator("test_coloured_noise_has_the_density_asked_for", 5e-6)
-
-    def density(f):
-        return 1e-18 * (1 + (0.5 / f)) * (1 + (f / 2) ** 2)
-
+    density = lambda f: 1e-18 * (1 + (0.5 / f)) * (1 + (f / 2) ** 2)  # noqa: E731
     frequency, power = signal.welch(coloured(density, 200_000, 0.1, rng), 10.0, nperseg=2000, noverlap=0, detrend=False)
-    for low, high in zip(np.geomspace(0.1, 4.9, 9)[:-1], np.geomspace(0.1, 4.9, 9)[1:], strict=True):
+    for low, high in itertools.pairwise(np.geomspace(0.1, 4.9, 9)):
         band = (frequency >= low) & (frequency < high)
         ratio = np.mean(power[band] / density(frequency[band]))
         assert ratio == pytest.approx(1.0, abs=5 / np.sqrt(100 * band.sum()) * 1.3 + 0.01)  # Hann, leakage
@@ -156,10 +154,8 @@ def test_coloured_noise_has_the_density_asked_for():
 
 def test_a_spectrum_of_short_pieces_is_that_of_steep_noise():
     """Recovery: orbit noise that falls by 1e4 in power from 1 to 6 mHz beside polynomials: each knot within 5 sigma."""
-    rng, knots = (
-        seeds.generator("steep noise", 10 * 6e-7),
-        1e-3 * np.array([0.5, 0.8, 1.2, 1.7, 2.3, 3, 4, 5.5, 7.5, 10, 20, 50, 100]),
-    )
+    rng = seeds.generator("steep noise", 10 * 6e-7)
+    knots = 1e-3 * np.array([0.5, 0.8, 1.2, 1.7, 2.3, 3, 4, 5.5, 7.5, 10, 20, 50, 100])
     density = lambda f: 1e-12 + (2e-4 * (1e-3 / f) ** 2 / (1 + (f / 3e-3) ** 4)) ** 2  # noqa: E731
     pieces = []
     for count in (1000, 240, 240, 240, 240, 240, 240, 240, 1000):
@@ -229,8 +225,7 @@ def test_a_tone_is_found_and_taken_out():
     assert [axis for axis, _ in found] == [1]
     assert abs(found[0][1] - 0.187) < 5e-4
     wave = np.exp(-2j * np.pi * 0.187 * 0.5 * np.arange(360))
-    left = np.mean([np.abs(wave @ c[:, 1]) ** 2 / 360 for c in cleaned])
-    assert left < 3.0
+    assert np.mean([np.abs(wave @ c[:, 1]) ** 2 / 360 for c in cleaned]) < 3.0
     assert all(np.array_equal(c[:, [0, 2]], p[:, [0, 2]]) for c, p in zip(cleaned, pieces, strict=True))
     assert not any(without_lines(quiet(rng, 0.0), 0.5)[1] for _ in range(10))  # one in ten thousand axes is allowed
 
@@ -277,8 +272,7 @@ def test_what_a_fit_takes_is_put_back_and_what_may_be_there_is_no_noise():
     segments = [np.stack([draw(RED, 90, rng) for _ in range(3)], axis=1) for _ in range(60)]
     models = fit_detrended(segments, cleaned, 3, 1.0)
     slow = np.linspace(0.002, 0.02, 10)
-    ratio = np.mean([m.density(slow) / RED.density(slow) for m in models])
-    assert 0.85 < ratio < 1.15
+    assert 0.85 < np.mean([m.density(slow) / RED.density(slow) for m in models]) < 1.15
     rng = np.random.default_rng(9)
     noise = np.stack([draw(RED, 1500, rng) for _ in range(3)], axis=1)
     noise[700:720] = np.nan
@@ -289,8 +283,7 @@ def test_what_a_fit_takes_is_put_back_and_what_may_be_there_is_no_noise():
     made = [noise + columns @ size]
     found = fit_detrended(made, beside(made, [columns]), 3, 1.0)
     slow = np.linspace(0.001, 0.02, 10)
-    ratio = np.mean([m.density(slow) / RED.density(slow) for m in found])
-    assert 0.75 < ratio < 1.3
+    assert 0.75 < np.mean([m.density(slow) / RED.density(slow) for m in found]) < 1.3
     off, slow = [], np.stack([f(2 * np.pi * k * np.arange(600) / 600) for k in range(1, 7) for f in (np.cos, np.sin)])
     for rng in map(np.random.default_rng, range(8)):
         columns = np.einsum("qn,qar->naqr", slow, rng.standard_normal((12, 3, 2)) + 1).reshape(600, 3, 24)

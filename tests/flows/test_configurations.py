@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from commands import gravcal
+from commands import gravcal, printed_json
 
 from flows import command
 from gravcal import catalog
@@ -90,9 +90,7 @@ def test_what_a_name_stands_for_never_changes(run, fakecal, capsys):
     assert gravcal(*here, "mine", "--set", "gain=2.0") == 1
     run("--set", "gain=3", "--set", "count=5", "--as", "mine")
     before = links("mine")
-    capsys.readouterr()
-    run("--as", "mine", "--json", "-")
-    assert json.loads(capsys.readouterr().out)["total"] == 3.0 * 2 * sum(range(8))
+    assert printed_json(capsys, *here, "mine")["total"] == 3.0 * 2 * sum(range(8))
     assert gravcal(*here, "other") == 1
     assert "one of operational, catalogue, mine" in " ".join(capsys.readouterr().err.split())
     assert gravcal(*here, "mine", "--set", "gain=4") == 1
@@ -185,9 +183,7 @@ def test_a_plan_takes_the_folder_of_many_days_that_a_campaign_takes(tmp_path, ca
 
 def planned(fakecal, capsys, *given):
     """Steps of a plan."""
-    capsys.readouterr()
-    assert gravcal("plan", "fakecal", "--data", fakecal, "--json", "-", *given) == 0
-    return json.loads(capsys.readouterr().out)
+    return printed_json(capsys, "plan", "fakecal", "--data", fakecal, *given)
 
 
 def test_a_promoted_experiment_is_what_plain_runs_do(run, fakecal, capsys):
@@ -238,13 +234,10 @@ def test_experiments_are_listed_as_such_and_a_comparison_needs_events_of_both(ru
     """Contract: products with their configurations, by their path below latest; an error that says what to run."""
     run()
     run("--set", "gain=3", "--as", "mine")
-    capsys.readouterr()
-    assert gravcal("products", "list", "--as", "mine", "--json", "-") == 0
-    listed = json.loads(capsys.readouterr().out)
+    listed = printed_json(capsys, "products", "list", "--as", "mine")
     assert sorted(one["configurations"] for one in listed) == [["mine"], ["mine", "operational"]]
     stage = next(one["product"] for one in listed if one["configurations"] == ["mine"]).partition("/")[2]
-    assert gravcal("history", f"fake-1/as/mine/{stage}", "--json", "-") == 0
-    key = json.loads(capsys.readouterr().out)["record"]["key"]
+    key = printed_json(capsys, "history", f"fake-1/as/mine/{stage}")["record"]["key"]
     assert key == links("mine")["scale.one"] != links()["scale.one"]
     assert housekeeping.resolve(f"fake-1/{stage}").ref.key == links()["scale.one"]
     assert gravcal("compare", "fakecal", "operational", "mine") == 1  # its flow has no report
@@ -269,9 +262,7 @@ def test_settings_say_what_they_are_and_what_was_tried(run, capsys):
     """Contract: value, unit, reason of parameters; recorded configurations; one of either by name."""
     run("--set", "gain=3", "--as", "mine")
     assert gravcal("promote", "fakecal", "mine", "--why", "because") == 0
-    capsys.readouterr()
-    assert gravcal("settings", "fakecal", "--json", "-") == 0
-    document = json.loads(capsys.readouterr().out)
+    document = printed_json(capsys, "settings", "fakecal")
     gain = document["parameters"]["gain"]
     assert (gain["value"], gain["catalogue"], gain["unit"], gain["reason"]) == (3.0, 2.0, "1", "invented")
     assert document["configurations"] == {"mine": {"gain": 3.0}}
@@ -289,8 +280,7 @@ def test_events_of_the_catalogue_say_whether_their_files_are_at_hand(tmp_path, m
     """Contract: name, calibration, date, folder or why not."""
     monkeypatch.setenv("GRAVCAL_DATA", str(tmp_path))
     (tmp_path / "ACC1A_2020-02-01_C_04.txt").write_text("")
-    assert gravcal("events", "--json", "-") == 0
-    known = {row["event"]: row for row in json.loads(capsys.readouterr().out)}
+    known = {row["event"]: row for row in printed_json(capsys, "events")}
     assert len(known) == len(catalog.names("events"))
     assert known["grace-c-2020-02-01"] | {"files": ""} == {
         "event": "grace-c-2020-02-01", "calibration": "com_offset", "date": "2020-02-01", "files": ""}  # fmt: skip

@@ -72,14 +72,11 @@ def test_a_change_is_named_by_the_plan_and_makes_its_dependants_only(pipeline, c
 def test_a_changed_data_file_is_named(pipeline):
     """Contract: files beside the code that a module names, those they name, and one that comes; not those of others."""
     read = 'sum(len(path.read_text()) for path in Path(__file__).parent.glob("*.csv"))'
-    pipeline.replace(
-        "helper.py", "FACTOR = 2.0", f"from pathlib import Path\n        FACTOR = {read}".replace("        ", "")
-    )
+    pipeline.replace("helper.py", "FACTOR = 2.0", f"from pathlib import Path\nFACTOR = {read}")
     for name, text in (("one.csv", "1, see two.dat"), ("two.dat", "2"), ("other.dat", "3")):
         (pipeline.folder / name).write_text(text)
     pipeline.run()
-    changes = {"one.csv": "2, see two.dat", "two.dat": "4", "new.csv": "5"}
-    for name, text in changes.items():
+    for name, text in (("one.csv", "2, see two.dat"), ("two.dat", "4"), ("new.csv", "5")):
         (pipeline.folder / name).write_text(text)
         keys.forget()
         assert plan(pipeline)["start"] == ("run", f"data changed: {pipeline.name}/{name}")
@@ -88,9 +85,8 @@ def test_a_changed_data_file_is_named(pipeline):
     keys.forget()
     assert set(plan(pipeline).values()) == {("reuse",)}
     (pipeline.folder / "one.csv").write_text("under way")
-    with pytest.raises(
-        ProductError, match="one.csv: the code, or data that it reads, changed while this process was running"
-    ):
+    said = "one.csv: the code, or data that it reads, changed while this process was running"
+    with pytest.raises(ProductError, match=said):
         plan(pipeline)
 
 
@@ -126,17 +122,15 @@ def test_products_of_other_versions_are_said_and_made_again_when_wanted(pipeline
     assert pipeline.run() == (ALL, ref)
     assert pipeline.run() == ([], ref)
     assert set(plan(pipeline).values()) == {("reuse",)}
-    assert {read.read_text() for read in (location.folder() / "quarantine").glob("*/why.txt")} == {
-        "made again, for other versions had made it\n"
-    }
+    reasons = {read.read_text() for read in (location.folder() / "quarantine").glob("*/why.txt")}
+    assert reasons == {"made again, for other versions had made it\n"}
 
 
 def test_a_plan_ends_where_the_flow_needs_a_content(pipeline):
     """Contract: a flow that looks into a product cannot be planned beyond it."""
     pipeline.replace("flow.py", "    one =", "    read(started)\n    one =")
-    pipeline.replace(
-        "flow.py", "from flows.engine import flow", "from flows.engine import flow\nfrom tasks.stage import read"
-    )
+    known = "from flows.engine import flow"
+    pipeline.replace("flow.py", known, f"{known}\nfrom tasks.stage import read")
     assert plan(pipeline) == {"start": ("run", "never made"), "(the rest)": ("may run", f"after {pipeline.name}.start")}
     pipeline.run()
     assert set(plan(pipeline).values()) == {("reuse",)}

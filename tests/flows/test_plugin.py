@@ -42,10 +42,8 @@ def tilt(tmp_path_factory):
     shutil.copytree(ROOT / "examples" / "plugin", folder / "code")
     install = ["-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--target", folder / "site"]
     subprocess.run([sys.executable, *map(str, install), str(folder / "code")], check=True, capture_output=True)
-    environment = os.environ | {
-        "PYTHONPATH": os.pathsep.join([str(folder / "site"), str(ROOT)]),
-        "GRAVCAL_PRODUCTS": str(folder / "store"),
-    }
+    environment = os.environ | {"PYTHONPATH": f"{folder / 'site'}{os.pathsep}{ROOT}"}
+    environment |= {"GRAVCAL_PRODUCTS": str(folder / "store")}
 
     def python(code, said=""):
         command = [sys.executable, "-W", "ignore", "-c", code]

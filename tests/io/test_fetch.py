@@ -7,6 +7,7 @@ import hashlib
 import io
 import tarfile
 import time
+from dataclasses import replace
 from http.server import BaseHTTPRequestHandler
 
 import pytest
@@ -45,16 +46,8 @@ class Server:
 
     def __init__(self):
         self.files, self.faults, self.asked, self.login = {}, [], [], None
-        server = self
-
-        class Handler(BaseHTTPRequestHandler):
-            def do_GET(self):  # noqa: N802
-                server.answer(self)
-
-            def log_message(self, *_):
-                pass
-
-        self.handler = Handler
+        silent = {"do_GET": lambda request: self.answer(request), "log_message": lambda *_: None}
+        self.handler = type("Handler", (BaseHTTPRequestHandler,), silent)
 
     def put(self, archive, image, md5=True):
         """Store an archive where the layout has it."""
@@ -89,11 +82,10 @@ class Server:
             head["Content-Range"] = f"bytes {start}-{len(body) - 1}/{len(body)}"
         if fault in ("cut", "stall"):
             self.reply(request, 206 if start else 200, part, head, len(part) // 2)
-            if fault == "stall":
-                time.sleep(2 * SOON.stall_s)
+            time.sleep(2 * SOON.stall_s if fault == "stall" else 0)
             request.close_connection = True
-            return None
-        return self.reply(request, 206 if start else 200, part, head)
+        else:
+            self.reply(request, 206 if start else 200, part, head)
 
     def reply(self, request, status, body, headers=None, sent=None):
         """Status, headers and as much of the body as wanted."""
@@ -182,8 +174,7 @@ def test_the_next_run_resumes_what_the_last_one_gave_up(server, tmp_path, change
         image = packed(CONTENT[::-1])
         server.put(ONE, image)
     assert get(server, tmp_path).path.read_bytes() == image
-    asked = [part for part, _ in server.archives_asked()]
-    assert asked[4:] == [f"bytes={len(IMAGE) // 2}-"] + [None] * changed
+    assert [part for part, _ in server.archives_asked()][4:] == [f"bytes={len(IMAGE) // 2}-"] + [None] * changed
 
 
 def test_wrong_bytes_are_fetched_again_and_never_delivered(server, tmp_path):
@@ -214,9 +205,8 @@ def test_members_are_what_the_catalogue_knows(server, tmp_path):
     name, digest = "MAG1B_2020-02-01_C_04.txt", hashlib.sha256(CONTENT).hexdigest()
     known = fetch.Archive("gracefo", "1B", DAY, "04", digests=((name, digest),))
     assert get(server, tmp_path / "one", known).checked == "md5 and sha256"
-    foreign = fetch.Archive("gracefo", "1B", DAY, "04", digests=((name, "0" * 64),))
     with pytest.raises(ProductError, match="as catalogued"):
-        get(server, tmp_path / "two", foreign)
+        get(server, tmp_path / "two", replace(known, digests=((name, "0" * 64),)))
 
 
 def test_credentials_of_netrc_reach_their_host_and_no_other(server, other, tmp_path, capfd):
@@ -287,19 +277,15 @@ def test_a_link_in_the_folder_does_not_lead_outside(server, tmp_path):
 
 def test_one_missing_archive_stops_no_other(server, tmp_path):
     """Contract: the error comes after all were tried."""
-    missing = fetch.Archive("gracefo", "1A", DAY, "04")
     with pytest.raises(ProductError, match="no such file"):
-        fetch.fetch([missing, ONE], tmp_path, server.url, patience=SOON)
+        fetch.fetch([replace(ONE, level="1A"), ONE], tmp_path, server.url, patience=SOON)
     assert (tmp_path / ONE.name).exists()
 
 
 def test_an_event_needs_the_archives_of_its_products():
     """Contract: names as in the archives; both levels for the offset, one for GRACE's ranging; none for Taiji."""
     found = fetch.of_event(catalog.event("grace-c-2020-02-01"))
-    assert [one.name for one in found] == [
-        "gracefo_1A_2020-02-01_RL04.ascii.noLRI.tgz",
-        "gracefo_1B_2020-02-01_RL04.ascii.noLRI.tgz",
-    ]
+    assert [one.name for one in found] == [f"gracefo_1{level}_2020-02-01_RL04.ascii.noLRI.tgz" for level in "AB"]
     found = fetch.of_event(catalog.event("grace-ab-2002-04-08"))
     assert [one.name for one in found] == ["grace_1B_2002-04-08_02.tar.gz", "grace_1B_2002-04-09_02.tar.gz"]
     assert fetch.addresses(found[0], "isdc")[0].endswith("/grace/Level-1B/JPL/INSTRUMENT/RL02/2002/" + found[0].name)
@@ -354,11 +340,8 @@ def test_other_parts_have_their_places_and_are_checked(server, tmp_path):
     done = CliRunner().invoke(cli.app, [*arguments, "--part", "noLRI,LRI,ACX2,MAG,SOE", "--dry-run"])
     assert done.exit_code == 0, done.output
     named = [line.rpartition("/")[2] for line in done.stdout.splitlines()[::2]]
-    assert named[3:6] == [
-        "gracefo_1B_2024-01-03_RL04.ascii.LRI.tgz",
-        "gracefo_1B_2024-01-03_RL04.ascii.ACX2.tgz",
-        "GF1_OPER_FGM_ACAL_CORR_20240103T000000_20240103T235959_0201.cdf",
-    ]
+    assert named[3:5] == [f"gracefo_1B_2024-01-03_RL04.ascii.{part}.tgz" for part in ("LRI", "ACX2")]
+    assert named[5] == "GF1_OPER_FGM_ACAL_CORR_20240103T000000_20240103T235959_0201.cdf"
     assert named[7:] == ["TN-01_SOE.txt"]
     assert not server.asked
     magnetometer, sequence = fetch.of_day("C", DAY, ["MAG", "SOE"])

@@ -15,15 +15,13 @@ norm {norm}
 errors formal
 end_of_head ====
 """
-LINES = (
-    "gfc 0 0 1.0 0.0 0 0\ngfct 2 0 {c} 0.0 1e-11 0 20050101\ntrnd 2 0 1e-11 0\ngfc 2 2 2.4d-06 -1.4D-06 1e-11 1e-11\n"
-)
+LINES = "gfc 0 0 1.0 0.0 0 0\ngfct 2 0 {c} 0.0 1e-11 0 20050101\ntrnd 2 0 1e-11 0\n"
+LINES += "gfc 2 2 2.4d-06 -1.4D-06 1e-11 1e-11\n"
 
 
 def write(tmp_path, text):
     """A .gfc file."""
-    path = tmp_path / "small.gfc"
-    path.write_text(text)
+    (path := tmp_path / "small.gfc").write_text(text)
     return path
 
 

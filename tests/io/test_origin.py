@@ -68,8 +68,7 @@ def test_text_files_of_both_missions_say_it(tmp_path, letter, release):
     member = archive.find(tmp_path / "day.tgz", "MAG1B", letter, "2020-02-05")
     assert archive.origin_of(member) == readers.read(member).attrs["origin"] == "simulated"
     assert readers.read(flown(path)).attrs["origin"] == "measured"
-    packed = path.with_name(path.name + ".gz")
-    packed.write_bytes(gzip.compress(path.read_bytes()))
+    (packed := path.with_name(path.name + ".gz")).write_bytes(gzip.compress(path.read_bytes()))
     assert archive.origin_of(archive.from_name(packed)) == "measured"
 
 
@@ -108,9 +107,8 @@ def test_products_pass_it_on(pipeline):
     other = stages.start(pipeline.file(), event="fake-1", variant="", count=4, offset=1.0)
     scaled = stages.scale(other, variant="one", gain=1.0)
     pipeline.raw.write_text("software_version: sim\n# End of YAML header\nabc")
-    again = stages.scale(
-        stages.start(pipeline.file(), event="fake-1", variant="", count=4, offset=0.0), variant="other", gain=1.0
-    )
+    started = stages.start(pipeline.file(), event="fake-1", variant="", count=4, offset=0.0)
+    again = stages.scale(started, variant="other", gain=1.0)
     assert [read(one).attrs["origin"] for one in (scaled, again)] == ["measured", "simulated"]
     assert read(stages.join(scaled, again)).attrs["origin"] == "mixed"
 
@@ -120,10 +118,9 @@ def test_an_event_of_the_catalogue_may_state_it(pipeline, tmp_path, monkeypatch)
     _, measured = pipeline.run(event="grace-c-2020-02-01")
     folder = tmp_path / "catalog" / "events"
     folder.mkdir(parents=True)
-    shipped = (catalog.find("events", "grace-c-2020-02-01")).read_text()
+    shipped = catalog.find("events", "grace-c-2020-02-01").read_text()
     monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path / "catalog"))
-    own = folder / "grace-c-2020-02-01.toml"
-    own.write_text('origin = "simulated"\n' + shipped)
+    (own := folder / "grace-c-2020-02-01.toml").write_text('origin = "simulated"\n' + shipped)
     steps, _ = engine.plan(pipeline.module("flow").calibrate, pipeline.file(), pipeline.chosen | {"event": own.stem})
     assert steps[0].reasons == ("origin: as files say -> simulated",)
     made, simulated = pipeline.run(event="grace-c-2020-02-01")

@@ -63,14 +63,12 @@ FLAGGED = {  # in a record of SCA1B: record, what stands there, what instead, th
     "out of range": (6, b" 23 ", b" 24 ", readers.OUT_OF_RANGE),
     "undefined quality bit": (6, b" 00000000", b" 10000000", readers.UNDEFINED),
 }
+EVIL = b"  evil: !!python/object/apply:os.getcwd []\n"
 FOREIGN = {  # bytes of the whole file, from those of a right one; word of the message
     "empty": (lambda _: b"", "empty"),
     "cut in the header": (lambda data: data[:500], "header"),
     "cut in a line": (lambda data: data[:-3], "cut"),
-    "code in the header": (
-        lambda data: data.replace(b"  dimensions:", b"  evil: !!python/object/apply:os.getcwd []\n  dimensions:"),
-        "YAML",
-    ),
+    "code in the header": (lambda data: data.replace(b"  dimensions:", EVIL + b"  dimensions:"), "YAML"),
 }
 
 
@@ -192,10 +190,7 @@ def test_repeated_and_late_records_are_flagged_and_kept(attitude_file, attitude)
     assert observed.sizes["record"] == 20
     attitude_file.write_bytes(clean)
     old = f"{attitude['quaticoeff'][12]}".encode()
-
-    def change(lines):
-        return [*lines[:5], lines[4], *lines[5:13], lines[12].replace(old, b"0.11"), *lines[13:]]
-
+    change = lambda x: [*x[:5], x[4], *x[5:13], x[12].replace(old, b"0.11"), *x[13:]]  # noqa: E731
     observed = read(_damaged(attitude_file, change))
     assert observed.flag[5] == readers.REPEATED
     assert observed.flag[14] & readers.CONFLICTING
@@ -218,5 +213,4 @@ def test_binary_records_read_and_a_cut_one_is_refused(tmp_path):
     assert_array_equal(observed.gps_time, 443016000 + 5 * np.arange(5))
     assert_array_equal(observed.quatangle, 1.0)
     assert not observed.flag.any()
-    facts = _refused(_binary(tmp_path, 5, size_of_last=20), "record 5", "20 bytes", "47")
-    assert facts["record"] == 5
+    assert _refused(_binary(tmp_path, 5, size_of_last=20), "record 5", "20 bytes", "47")["record"] == 5

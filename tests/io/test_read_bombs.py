@@ -110,10 +110,8 @@ def test_a_bomb_is_refused_within_memory_and_time(tmp_path, form):
     """Contract: 2 GB of zeros in 2 MB; one line, within 1 GB of memory beyond what the interpreter has."""
     if form == "gz":
         path = tmp_path / f"{NAME}.gz"
-        zeros = bytes(2**24)
         with gzip.open(path, "wb", 1) as packed:
-            for _ in range(128):
-                packed.write(zeros)
+            packed.writelines([bytes(2**24)] * 128)
     else:
         path = tarred(tmp_path / "x.tgz", {NAME: 2**28, "SCA1B_2023-06-01_D_04.txt": 2**28})
     allowed = 3 * 2**30  # address space: the interpreter with its libraries takes 2
@@ -136,8 +134,7 @@ def test_a_bomb_is_refused_within_memory_and_time(tmp_path, form):
 )
 def test_headers_that_grow_are_refused(tmp_path, header):
     """Contract: aliases that multiply, nesting and digits without end."""
-    path = tmp_path / NAME
-    path.write_text(header + "# End of YAML header\n")
+    (path := tmp_path / NAME).write_text(header + "# End of YAML header\n")
     with pytest.raises(ProductError, match=NAME):
         read(path)
 
@@ -146,10 +143,8 @@ def test_headers_that_grow_are_refused(tmp_path, header):
 def test_a_netcdf_file_with_damaged_structure_is_refused(tmp_path, product):
     """Contract: bytes put in anywhere, values of text: refused or read, never a trace as of a wrong checksum."""
     time = 706060800.0 - 43200 + np.arange(2000.0)
-    record = {"IS1": {"volts": np.ones((2000, 6))}, "ATT": {"quaternion": np.ones((2000, 4))}}.get(
-        product, {"position": np.ones((2000, 3)), "velocity": np.ones((2000, 3))}
-    )
-    (path,) = daily.write(tmp_path, product, {"time": time} | record)
+    widths = {"IS1": {"volts": 6}, "ATT": {"quaternion": 4}, "ORB": {"position": 3, "velocity": 3}}[product]
+    (path,) = daily.write(tmp_path, product, {"time": time} | {n: np.ones((2000, w)) for n, w in widths.items()})
     (file,) = daily.inventory(tmp_path)
     whole, refused = path.read_bytes(), 0
     for place in range(0, 9000, 90):

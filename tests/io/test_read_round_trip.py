@@ -25,8 +25,7 @@ def test_any_acceleration_comes_back_bit_for_bit(tmp_path, values, step, first):
     ticks = first + step * np.arange(12)
     names = [f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz"]
     columns = {"rcvtime_intg": START + ticks // 10**6, "rcvtime_frac": ticks % 10**6, "icu_blk_nr": np.zeros(12)}
-    path = write(columns | dict(zip(names, values, strict=True)), tmp_path / "ACC1A_2023-06-01_C_04.txt")
-    observed = read(path)
+    observed = read(write(columns | dict(zip(names, values, strict=True)), tmp_path / "ACC1A_2023-06-01_C_04.txt"))
     for name, expected in zip(names, values, strict=True):
         assert_array_equal(observed[name].values, expected)
     assert_array_equal(observed.rcvtime_frac, ticks % 10**6)
@@ -78,8 +77,7 @@ def test_every_table_writes_and_reads(tmp_path, name):
     columns.pop("time_ref", None)
     columns |= {one: np.array([0.5, 0.5]) for one in table.quaternion}
     columns[table.time[0]] = np.array([START, START + 1])
-    path = write(columns, tmp_path / f"{name}_2023-06-01_{satellite}_04.txt")
-    observed = read(path)
+    observed = read(write(columns, tmp_path / f"{name}_2023-06-01_{satellite}_04.txt"))
     assert_array_equal(observed.time_second, [START, START + 1])
     for column in (*table.columns, *table.optional):
         assert column.name in observed

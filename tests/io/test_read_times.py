@@ -25,9 +25,8 @@ def _step(done, tags):
 
 def _to_gps(observed, satellite):
     tim, clk = _records(satellite, "TIM1B", "CLK1B")
-    on_board = timing.tim1b_clock(
-        tim.obctime.values, tim.receiver_second.values, tim.receiver_fraction.values, tim.qualflg.values
-    )
+    received = tim.receiver_second.values, tim.receiver_fraction.values
+    on_board = timing.tim1b_clock(tim.obctime.values, *received, tim.qualflg.values)
     receiver = timing.clk1b_clock(clk.rcv_time.values, clk.eps_time.values, clk.eps_drift.values, clk.qualflg.values)
     tags = timing.Tags(observed.time_second.values, observed.time_fraction.values)
     tags, lost = timing.converted(tags, on_board, *LIMITS)
@@ -39,8 +38,7 @@ def _to_gps(observed, satellite):
 def test_magnetometer_tags_move_by_the_clock_offset(satellite, offset):
     """Published: MAG1B - MAG1A of data/README.md, to 1 us, the resolution of the tags."""
     raw, done = _records(satellite, "MAG1A", "MAG1B")
-    step = (done.time_second - raw.time_second) + (done.time_fraction - raw.time_fraction)
-    assert_allclose(step, offset, atol=1e-6)
+    assert_allclose((done.time_second - raw.time_second) + (done.time_fraction - raw.time_fraction), offset, atol=1e-6)
     tags, lost = _to_gps(raw, satellite)
     assert not lost.any()
     assert_allclose(_step(done, tags), 0, atol=1e-6)
@@ -51,12 +49,8 @@ def test_gyro_tags_are_reproduced(satellite):
     """Published: IMU 1A to 1B to 1 us (data/README.md); the angles tell which records belong together."""
     raw, done = _records(satellite, "IMU1A", "IMU1B")
     tags, lost = _to_gps(raw, satellite)
-    both = [
-        np.unique(
-            list(zip(o.gyro_id.values, o.FiltAng.values, strict=True)), axis=0, return_index=True, return_counts=True
-        )
-        for o in (raw, done)
-    ]
+    both = (np.column_stack([o.gyro_id.values, o.FiltAng.values]) for o in (raw, done))
+    both = (np.unique(rows, axis=0, return_index=True, return_counts=True) for rows in both)
     place, seen = ({tuple(a): i for a, i, n in zip(*found, strict=True) if n == 1} for found in both)
     i, j = np.array([(place[a], seen[a]) for a in seen if a in place]).T
     assert len(i) > 80

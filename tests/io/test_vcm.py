@@ -1,16 +1,16 @@
 """Vectors as lines of the sequence-of-events file and as VCM1B files."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import MEASURED, gravcal
 from numpy.testing import assert_allclose, assert_array_equal
 
+from gravcal import catalog
 from gravcal.errors import ProductError
 from gravcal.io import readers, vcm
 
-MEASURED = Path(__file__).parents[3] / "shared" / "data" / "gracefo-2018-05-22"
 OFFSET = [107.2e-6, 3.7e-6, -12.4e-6]
 
 
@@ -79,7 +79,7 @@ def test_a_file_written_and_read_is_the_same(tmp_path):
 @pytest.mark.parametrize("letter", ["C", "D"])
 def test_a_measured_antenna_file_is_read_and_written_back(letter, tmp_path):
     """Published: VKB1B 2018-05-22; labels of the header are the measured file's, numbers agree to 1e-15."""
-    measured = MEASURED / f"VKB1B_2018-05-22_{letter}_04.txt"
+    measured = MEASURED / "gracefo-2018-05-22" / f"VKB1B_2018-05-22_{letter}_04.txt"
     time, vector_b = vectors(measured)
     assert_allclose(vector_b[0, 0], 1.4444, atol=1e-4)
     (again := tmp_path / measured.name).write_text(vcm.vector_file(measured.name, time, letter, vector_b))
@@ -112,8 +112,7 @@ def test_a_sequence_of_events_gives_calibrations_and_vectors_in_force(tmp_path):
     entries = vcm.read_sequence(path)
     assert len(entries) == 11
     assert [one.time for one in entries] == sorted(one.time for one in entries)
-    found = [(one.calibration, one.satellite, one.start, one.stop) for one in vcm.sessions(entries)]
-    assert found == [
+    assert [(one.calibration, one.satellite, one.start, one.stop) for one in vcm.sessions(entries)] == [
         ("com_offset", "C", 634020000.0, 634060000.5),
         ("kbr_phase_centre", "D", 653600000.0, 653700000.0),
         ("com_offset", "C", 660000000.0, None),
@@ -131,18 +130,12 @@ def test_a_sequence_of_events_gives_calibrations_and_vectors_in_force(tmp_path):
 
 def test_events_are_made_of_a_sequence_and_saved(tmp_path, monkeypatch):
     """Contract: a day of a satellite is one event of the catalogue, what is known stays; gravcal events --from."""
-    from typer.testing import CliRunner
-
-    from flows import cli
-    from gravcal import catalog
-
     path = tmp_path / "TN-01_SOE.txt"
     known = 633787200 + 18000  # 2020-02-01 05:00, which the catalogue has
     path.write_text(SEQUENCE + f"{known} GRACEC CMCAL 1 1\n{known + 9} GRACEC CMCAL 1 0\n")
     (tmp_path / "own" / "events").mkdir(parents=True)
     monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path / "own"))
-    done = CliRunner().invoke(cli.app, ["events", "--from", str(path), "--save", "--json", str(tmp_path / "e.json")])
-    assert done.exit_code == 0, done.output
+    assert gravcal("events", "--from", path, "--save", "--json", tmp_path / "e.json") == 0
     rows = json.loads((tmp_path / "e.json").read_text())["events"]
     assert [row["state"] for row in rows].count("saved") == 3
     assert {row["state"] for row in rows} == {"saved", "no end", "no begin", "in the catalogue"}

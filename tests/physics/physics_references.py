@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 from scipy.integrate import solve_ivp
+from scipy.interpolate import CubicSpline
 
 from gravcal.physics import dynamics, gravity, magnetic
 from gravcal.physics.constants import EARTH_RADIUS, GM, J2
@@ -39,14 +40,11 @@ def manoeuvre(start=0.0, phase=1.3, duration=180.0, height=6.87e6, half_period=6
     inertia = np.array([[110.0, -2.0, 3.0], [-2.0, 580.0, 1.0], [3.0, 1.0, 650.0]])
     gradient = gravity.gradient_i(position)
     state = dynamics.State(start, np.array([0.5, 0.5, -0.5, 0.5]), np.array([1e-4, -1.1e-3, 2e-4]))
-    torque = dynamics.Torque(inertia, edges, dipole, clock, field, gradient)
-    return state, torque, start + np.arange(duration + 1)
+    return state, dynamics.Torque(inertia, edges, dipole, clock, field, gradient), start + np.arange(duration + 1)
 
 
 def attitude_by_scipy(time, state, torque, rtol=1e-12, atol=1e-14):
     """State and 6 x 6 state transition by scipy's DOP853, restarted at every edge: (n, 7), (n, 6, 6)."""
-    from scipy.interpolate import CubicSpline
-
     field = CubicSpline(torque.field_time, torque.field_i)
     gradient = CubicSpline(torque.field_time, torque.gradient_i) if torque.gradient_i is not None else None
     inverse, J = np.linalg.inv(torque.inertia), torque.inertia

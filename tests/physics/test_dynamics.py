@@ -26,9 +26,8 @@ def test_gradient_torque_equals_the_sum_over_mass_points():
     mass, point = rng.uniform(1, 5, 200), rng.normal(size=(200, 3)) * [1.5, 0.5, 0.3]
     point -= mass @ point / mass.sum()
     centre = np.array([3.0e6, -4.0e6, 4.7e6])
-    inertia = np.einsum(
-        "k,kij->ij", mass, (point**2).sum(1)[:, None, None] * np.eye(3) - point[:, :, None] * point[:, None]
-    )
+    parts = (point**2).sum(1)[:, None, None] * np.eye(3) - point[:, :, None] * point[:, None]
+    inertia = np.einsum("k,kij->ij", mass, parts)
     far = centre + point
     tidal = -GM * (far / np.linalg.norm(far, axis=1)[:, None] ** 3 - centre / np.linalg.norm(centre) ** 3)
     brute = (mass[:, None] * np.cross(point, tidal)).sum(axis=0)
@@ -70,10 +69,7 @@ def test_every_sensitivity_equals_a_finite_difference(column):
     state, torque, at = physics_references.manoeuvre()
     step = [1e-4, 1e-6, 1e-2, 1e-3][column // 3]
     sensitivity = dynamics.integrate_with_sensitivity(at, state, torque)[3][..., column]
-    ends = []
-    for sign in (1, -1):
-        moved_state, moved_torque = moved(state, torque, column, sign * step)
-        ends.append(dynamics.integrate(at, moved_state, moved_torque))
+    ends = (dynamics.integrate(at, *moved(state, torque, column, sign * step)) for sign in (1, -1))
     (q_plus, w_plus, _), (q_minus, w_minus, _) = ends
     angle = frames.attitude_error(q_plus, q_minus)
     half_turn = frames.from_rotation_vector(-angle / 2)  # the difference is wanted at the middle attitude
@@ -98,18 +94,12 @@ def moved(state, torque, column, step):
 
 def test_on_an_edge_the_acceleration_is_the_one_after_it():
     """Analytic: dipole y switched from +10 to -10 A m2 at 5 s in 30 uT along x: z acceleration changes sign there."""
-    torque = quiet(
-        np.eye(3) * 100,
-        edges=np.array([0.0, 5.0, 10.0]),
-        dipole_b=np.array([[0, 10.0, 0], [0, -10.0, 0]]),
-        field_i=np.tile([30e-6, 0, 0], (11, 1)),
-    )
+    square = {"edges": np.array([0.0, 5.0, 10.0]), "dipole_b": np.array([[0, 10.0, 0], [0, -10.0, 0]])}
+    torque = quiet(np.eye(3) * 100, **square, field_i=np.tile([30e-6, 0, 0], (11, 1)))
     at = np.array([0.0, 4.999, 5.0, 9.999, 10.0])
     for end in (3, 5):  # the edge as last epoch and in the middle
         _, rate, rate_dot = dynamics.integrate(at[:end], REST, torque)
-        assert_allclose(
-            rate_dot[:, 2], np.array([-3e-6, -3e-6, 3e-6, 3e-6, 0])[:end], rtol=1e-6, atol=1e-12
-        )  # turned 4e-5
+        assert_allclose(rate_dot[:, 2], [-3e-6, -3e-6, 3e-6, 3e-6, 0][:end], rtol=1e-6, atol=1e-12)  # turned 4e-5
     assert_allclose(rate[-1, 2], 0, atol=1e-12)  # five seconds each way
 
 
@@ -128,9 +118,8 @@ def test_neither_other_epochs_nor_large_time_tags_cost_accuracy():
 
 def test_an_extra_torque_may_ramp_and_jump():
     """Analytic: ramp 0 to 1 N m in 2 s, jump to 3, constant to 4 s, nothing after: J w = 1, 1 + 6 = 7 N m s."""
-    torque = quiet(
-        np.eye(3) * 1e4, extra_time=np.array([0.0, 2.0, 2.0, 4.0]), extra_b=np.outer([0, 1.0, 3, 3], [0, 0, 1])
-    )
+    extra = {"extra_time": np.array([0.0, 2.0, 2.0, 4.0]), "extra_b": np.outer([0, 1.0, 3, 3], [0, 0, 1])}
+    torque = quiet(np.eye(3) * 1e4, **extra)
     _, rate, rate_dot = dynamics.integrate(np.array([1.0, 2.0, 3.0, 4.0, 9.0]), REST, torque, max_step=10.0)
     assert_allclose(rate[:, 2] * 1e4, [0.25, 1, 4, 7, 7], rtol=1e-13)  # rounding
     assert_allclose(rate_dot[:, 2] * 1e4, [0.5, 3, 3, 0, 0], rtol=1e-13, atol=1e-16)  # rounding

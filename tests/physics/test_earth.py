@@ -38,12 +38,8 @@ def test_states_and_latitudes_return():
 
     At 45 degrees geodetic latitude is 0.19 degrees more than geocentric.
     """
-    rng = np.random.default_rng(2)
-    time, position, velocity = (
-        DAY_2023 + np.arange(5) * 1e3,
-        rng.normal(size=(5, 3)) * 7e6,
-        rng.normal(size=(5, 3)) * 7e3,
-    )
+    rng, time = np.random.default_rng(2), DAY_2023 + np.arange(5) * 1e3
+    position, velocity = rng.normal(size=(5, 3)) * 7e6, rng.normal(size=(5, 3)) * 7e3
     back = earth.state_to_fixed(time, *earth.state_to_inertial(time, position, velocity))
     assert_allclose(back[0], position, atol=1e-7)
     assert_allclose(back[1], velocity, atol=1e-10)

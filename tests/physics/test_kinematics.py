@@ -42,19 +42,16 @@ def test_the_published_rate_is_the_body_rate_with_the_gain_of_erratum_c10():
     wave = 2 * np.pi / 12
     q = frames.from_rotation_vector((1e-6 * np.sin(wave * time))[:, None] * [0, 1.0, 0])
     rate, rate_dot = kinematics.published_rates_from_attitude(time, q)
-    gain = rate[2:-2, 1] @ np.cos(wave * time[2:-2]) / (1e-6 * wave) / np.sum(np.cos(wave * time[2:-2]) ** 2)
-    gain_dot = (
-        -rate_dot[2:-2, 1] @ np.sin(wave * time[2:-2]) / (1e-6 * wave**2) / np.sum(np.sin(wave * time[2:-2]) ** 2)
-    )
+    cosine, sine = np.cos(wave * time[2:-2]), np.sin(wave * time[2:-2])
+    gain = rate[2:-2, 1] @ cosine / (1e-6 * wave) / np.sum(cosine**2)
+    gain_dot = -rate_dot[2:-2, 1] @ sine / (1e-6 * wave**2) / np.sum(sine**2)
     assert_allclose([gain, gain_dot], [0.955, 0.912], atol=5e-4)  # printed digits
 
 
 def test_rates_follow_an_integrated_motion():
     """Analytic: smooth torque-free tumbling at 10 Hz; order h^4 of the window."""
-    torque = dynamics.Torque(
-        np.diag([110.0, 580, 650]), np.array([0.0, 1]), np.zeros((1, 3)), np.arange(0, 101, 10.0), np.zeros((11, 3))
-    )
-    time = np.arange(0, 60, 0.1)
+    none = np.array([0.0, 1]), np.zeros((1, 3)), np.arange(0, 101, 10.0), np.zeros((11, 3))
+    torque, time = dynamics.Torque(np.diag([110.0, 580, 650]), *none), np.arange(0, 60, 0.1)
     state = dynamics.State(0.0, np.array([1.0, 0, 0, 0]), np.array([0.02, 0.01, -0.03]))
     q, w, wd = dynamics.integrate(time, state, torque)
     rate, rate_dot = kinematics.rates_from_attitude(time, q)
@@ -77,9 +74,8 @@ def test_a_rate_that_changes_its_direction_turns_as_its_differential_equation_sa
 
 def test_the_window_of_the_rates_has_to_fit():
     """Contract: too few epochs and impossible degrees raise an error."""
-    q = np.tile([1.0, 0, 0, 0], (4, 1))
     with pytest.raises(GravcalError, match="4 epochs"):
-        kinematics.rates_from_attitude(np.arange(4.0), q)
+        kinematics.rates_from_attitude(np.arange(4.0), np.tile([1.0, 0, 0, 0], (4, 1)))
     state, _, at = physics_references.manoeuvre()
     with pytest.raises(GravcalError, match="degree 1"):
         kinematics.rates_from_attitude(at, np.tile(state.quaternion, (at.size, 1)), half_width=1, degree=1)

@@ -21,9 +21,9 @@ def gps_seconds(*date):
 
 def cartesian(theta_deg, phi_deg, radius):
     """Earth-fixed position of colatitude and longitude."""
-    up = np.stack(np.broadcast_arrays(1.0, 0.0, 0.0), axis=-1)
     theta, phi = np.broadcast_arrays(np.asarray(theta_deg, float), np.asarray(phi_deg, float))
-    return physics_references.spherical_to_cartesian(np.tile(up, (*theta.shape, 1)), theta, phi) * radius
+    up = np.tile([1.0, 0.0, 0.0], (*theta.shape, 1))
+    return physics_references.spherical_to_cartesian(up, theta, phi) * radius
 
 
 @pytest.mark.parametrize("generation", [13, 14])

@@ -185,8 +185,7 @@ def test_units_show_the_misprints_of_equation_15_and_a_force_enters_with_a_minus
     assert_allclose(q_h + acceleration, angular)
     assert np.any(q_h + angular != angular)
     a_ng, a_par, b, k = 3e-8, 2e-9, 1e-5, 5e-4
-    f = a_ng - a_par
-    volts = (f - b) / k
+    volts = (a_ng - a_par - b) / k
     assert k * volts == pytest.approx(-b + a_ng - a_par)
 
 

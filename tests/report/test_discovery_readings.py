@@ -19,8 +19,7 @@ CHANGE = Change(("x", "y"), "um", "mtq", (), (2.0, 1.0), (55.1, 2.0), (1.9, 1.0)
 def outcome(*findings, p=(0.0, 0.4), quiet=1.0, change=CHANGE, number=0):
     """Outcome of a search; the reading of a finding of that number is shown."""
     readings = Readings((Shown(number, "linear", "manoeuvre 2", 1),), (12.0,))
-    gain = Gain(9.0, 8.0, 9, 8, 1.0, -4.5, -4.0, 0.0, {}, {})
-    some = (), findings, (), Unexplained(), change, gain, (), {}
+    some = (), findings, (), Unexplained(), change, Gain(9.0, 8.0, 9, 8, 1.0, -4.5, -4.0, 0.0, {}, {}), (), {}
     return Outcome(False, True, *p, 1.0, quiet, 0.005, *some, readings=readings)
 
 

@@ -38,8 +38,7 @@ def test_a_failed_check_makes_a_result_questionable():
 def test_the_origin_stands_first(found, origin):
     """Contract: measured, simulated or mixed, and the verdict begins with it unless all is measured."""
     words = {"s": "simulated", "m": "measured"}
-    products = [xr.Dataset(attrs={"origin": words[letter]}) for letter in found]
-    judged = documents.judged(DOCUMENT, products, [])
+    judged = documents.judged(DOCUMENT, [xr.Dataset(attrs={"origin": words[letter]}) for letter in found], [])
     assert judged["origin"] == origin
     assert judged["verdict"]["text"].startswith("Delivered" if origin == "measured" else origin.upper())
 

@@ -1,6 +1,8 @@
 """The record beside a product: whole and fitting its product, or set aside with the reason and made again."""
 
 import copy
+import functools
+import operator
 import shutil
 
 import numpy as np
@@ -55,13 +57,11 @@ def test_an_edited_record_is_set_aside_and_made_again(pipeline, store_folder, ed
     assert housekeeping.verify() == []
 
 
+altered = lambda record: record["recipe"]["settings"].update(gain=7.0)  # noqa: E731
 FORGED = {
-    "settings altered": (lambda r: r["recipe"]["settings"].update(gain=7.0), "not that of its recipe"),
+    "settings altered": (altered, "not that of its recipe"),
     "event altered": (lambda r: r["recipe"].update(event="other"), "not that of its recipe"),
-    "settings and key": (
-        lambda r: (r["recipe"]["settings"].update(gain=7.0), r.update(key=keys.key(r["recipe"]))),
-        "another key",
-    ),
+    "settings and key": (lambda r: (altered(r), r.update(key=keys.key(r["recipe"]))), "another key"),
     "digest altered": (lambda r: r.update(digest="0" * 64), "another product"),
     "no place of the key": (lambda r: r.update(labels_at=[]), "another product"),
     "place before the file": (lambda r: r.update(labels_at=[-5, -5]), "another product"),
@@ -132,9 +132,8 @@ def test_labels_in_the_product_that_contradict_the_record_are_found(pipeline, mo
 
 words = st.text("a0/.\x00\u00e4", max_size=5)
 leaves = st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | words
-plain = (
-    leaves | st.lists(leaves, max_size=3) | st.dictionaries(words, leaves | st.lists(leaves, max_size=2), max_size=3)
-)
+inner = leaves | st.lists(leaves, max_size=2)
+plain = leaves | st.lists(leaves, max_size=3) | st.dictionaries(words, inner, max_size=3)
 slow = [HealthCheck.function_scoped_fixture, HealthCheck.too_slow, HealthCheck.data_too_large]
 
 
@@ -156,9 +155,7 @@ def test_no_record_is_a_traceback_or_another_product(pipeline, store_folder, dat
     if data.draw(st.booleans()):
         known = list(places(record))[1:]
         path = known[data.draw(st.integers(0, 10**6)) % len(known)]
-        inner = record
-        for name in path[:-1]:
-            inner = inner[name]
+        inner = functools.reduce(operator.getitem, path[:-1], record)
         if data.draw(st.booleans()):
             del inner[path[-1]]
         else:

@@ -1,6 +1,8 @@
 """Result documents: good ones pass, bad ones say where and why."""
 
+import functools
 import json
+import operator
 
 import pytest
 from jsonschema_rs import meta
@@ -68,16 +70,12 @@ def test_a_document_passes_and_needs_each_part_of_its_head():
 def _changed(document, path, value):
     """Copy of a document, nothing shared, with one place changed."""
     changed = json.loads(json.dumps(document))
-    place = changed
-    for key in path[:-1]:
-        place = place[key]
-    place[path[-1]] = value
+    functools.reduce(operator.getitem, path[:-1], changed)[path[-1]] = value
     return changed
 
 
-NAN = float("nan")
 BAD = [
-    (["variants", "mtq", "offset_um", 0], NAN, r"variants\.mtq\.offset_um\[0\]: found nan; expected a finite"),
+    (["variants", "mtq", "offset_um", 0], float("nan"), r"variants\.mtq\.offset_um\[0\]: found nan; expected a finite"),
     (["provenance", "seconds"], float("inf"), r"provenance\.seconds: found inf"),
     (["variants", "mtq", "offset_um", 0], None, r"sigma_um.*null exactly where offset_um is null"),
     (["variants", "mtq", "sigma_um", 0], -1.0, r"sigma_um\[0\]: found -1\.0; expected .*minimum of 0"),

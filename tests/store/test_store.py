@@ -6,8 +6,8 @@ import shutil
 import subprocess
 import sys
 import tarfile
-import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -94,9 +94,8 @@ def test_what_stands_in_the_way_is_set_aside(store_folder, foreign):
         place.parent.write_text("foreign")
     else:
         place.parent.mkdir()
-        {"file for a product": place.touch, "link to nothing": lambda: place.symlink_to("nowhere")}.get(
-            foreign, place.mkdir
-        )()
+        ways = {"file for a product": place.touch, "link to nothing": lambda: place.symlink_to("nowhere")}
+        ways.get(foreign, place.mkdir)()
     ref = put()
     assert store.find(key) == ref
     assert housekeeping.verify() == []
@@ -212,8 +211,7 @@ def test_a_file_system_that_is_full_is_a_clear_error(tmp_path):
     """Contract: 256 kB, filled to the last byte; the store stays valid and goes on after prune."""
     root = tmp_path / "small"
     root.mkdir()
-    here = str(Path(__file__).parent)
-    command = ["unshare", "-rm", sys.executable, "-c", MOUNTED, here, str(root)]
+    command = ["unshare", "-rm", sys.executable, "-c", MOUNTED, str(Path(__file__).parent), str(root)]
     done = subprocess.run(command, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     assert "No space left on device" in done.stdout
@@ -242,8 +240,7 @@ def test_files_are_hashed_once_and_again_when_they_change(tmp_path, monkeypatch)
     path.write_text("abc")
     before = path.stat()
     time.sleep(2e-9 * archive.FILE_SETTLED_NS)
-    first = archive.file_digest(path)
-    assert first == ABC
+    assert (first := archive.file_digest(path)) == ABC
     with monkeypatch.context() as patched:
         patched.setattr(hashlib, "file_digest", lambda *_: pytest.fail("hashed again"))
         assert archive.file_digest(path) == first
@@ -332,9 +329,7 @@ def test_threads_do_the_work_once(monkeypatch):
                 time.sleep(0.05)
                 put()
 
-    threads = [threading.Thread(target=work) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
+    with ThreadPoolExecutor(4) as pool:
+        for done in [pool.submit(work) for _ in range(4)]:
+            done.result()
     assert len(worked) == 1
