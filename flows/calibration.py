@@ -65,9 +65,9 @@ class Discovery:
 
     def read(self, source, chosen):
         """Product that a model changes, without the effects of the model that is given."""
-        found = self.records and self.records(source, chosen)
+        records = self.records and self.records(source, chosen)
         model = model_of_event(chosen.model, source) if "model" in chosen.entries else ""
-        return self.without(source, chosen, found, model) if found and model else found
+        return self.without(source, chosen, records, model) if records and model else records
 
     def built(self, source, chosen, records):
         """Products of records that the observations are built from, by name."""
@@ -186,8 +186,8 @@ class Calibration:
 
     def detected(self, ref) -> dict:
         """Document with the manoeuvres of a product of `detect`."""
-        found = read(ref)
-        return {"event": ref.event, "origin": found.attrs["origin"], "manoeuvres": list(self.manoeuvres(found))}
+        detected = read(ref)
+        return {"event": ref.event, "origin": detected.attrs["origin"], "manoeuvres": list(self.manoeuvres(detected))}
 
 
 def stated(file: str) -> dict:
@@ -225,14 +225,14 @@ def known() -> tuple[str, ...]:
 @functools.cache
 def load(name: str) -> Calibration:
     """Record of an installed calibration; its schema and its part of the catalogue are made known."""
-    found = _entry_points(*sys.path)[name].load()
-    if not isinstance(found, Calibration) or found.name != name:
-        raise TypeError(f"entry point {name} of {GROUP}: found {found!r:.80}, expected the Calibration {name!r}")
-    if found.catalogue:
-        catalog.add_root(found.catalogue)
-    if found.schema:
-        schemas.add(name, found.schema)
-    return found
+    record = _entry_points(*sys.path)[name].load()
+    if not isinstance(record, Calibration) or record.name != name:
+        raise TypeError(f"entry point {name} of {GROUP}: found {record!r:.80}, expected the Calibration {name!r}")
+    if record.catalogue:
+        catalog.add_root(record.catalogue)
+    if record.schema:
+        schemas.add(name, record.schema)
+    return record
 
 
 def load_all() -> dict[str, Calibration]:
@@ -263,8 +263,8 @@ def model_text(path: Path) -> str:
         except ValueError:
             shift, added = np.zeros(0), np.zeros(1)
         if added.shape != (shift.size, shift.size):
-            found = "[result] whose correction and covariance do not belong together"
-            refuse(path, found, "p and p x p numbers", WRITTEN, CatalogError)
+            fault = "[result] whose correction and covariance do not belong together"
+            refuse(path, fault, "p and p x p numbers", WRITTEN, CatalogError)
         words = {name: one[name] for name in ("calibration", "records")}
         made[0]["result"] = words | {"correction": shift.tolist(), "covariance": added.tolist()}
     return json.dumps(made, sort_keys=True, allow_nan=False)
@@ -275,9 +275,9 @@ def model_result(text: str, calibration: str, records: str | None) -> str:
 
     The records are known by their digest; None, in a plan, are taken for those of the search.
     """
-    found = json.loads(text)[0].get("result", {}) if text else {}
-    same = found.get("calibration") == calibration and records in (None, found["records"])
-    return json.dumps({name: found[name] for name in ("correction", "covariance")}, sort_keys=True) if same else ""
+    added = json.loads(text)[0].get("result", {}) if text else {}
+    same = added.get("calibration") == calibration and records in (None, added["records"])
+    return json.dumps({name: added[name] for name in ("correction", "covariance")}, sort_keys=True) if same else ""
 
 
 def _entry(one, path):
@@ -308,7 +308,7 @@ def model_of_event(text: str, source) -> str:
 
 def moved_models(text: str) -> list[str]:
     """Models moved by their error: by one sigma along each principal direction of an effect's parameters."""
-    entries, found = json.loads(text), []
+    entries, models = json.loads(text), []
     for number, entry in enumerate(entries):
         known = entry["parameters"]
         sigma = {name: one["sigma"] for name, one in known.items() if one.get("sigma")}
@@ -322,5 +322,5 @@ def moved_models(text: str) -> list[str]:
             move = dict(zip(sigma, column, strict=True))
             values = {n: p | {"value": p["value"] + move.get(n, 0.0)} for n, p in known.items()}
             others = [*entries[:number], entry | {"parameters": values}, *entries[number + 1 :]]
-            found.append(json.dumps(others, sort_keys=True, allow_nan=False))
-    return found
+            models.append(json.dumps(others, sort_keys=True, allow_nan=False))
+    return models

@@ -199,8 +199,8 @@ def cluster(campaign, count):
         with Client(campaign.scheduler, timeout="20s") as client:
             own, known = keys.versions()["gravcal"], client.run(keys.versions)
             other = {worker: one["gravcal"] for worker, one in known.items() if one["gravcal"] != own}
-            for worker, found in other.items():
-                refuse(worker, f"gravcal {found}", f"{own}, as here", "Install the same version on all workers.")
+            for worker, version in other.items():
+                refuse(worker, f"gravcal {version}", f"{own}, as here", "Install the same version on all workers.")
             client.get_versions(check=True)
             yield client
         return

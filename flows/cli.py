@@ -174,16 +174,16 @@ def detect(calibration, event, data, satellite, date, settings, json, save) -> N
     source = command.source(calibration, event, data, satellite, date)
     document = command.detect(calibration, source, chosen)
     output.manoeuvres(document, json)
-    found = document["manoeuvres"]
+    manoeuvres = document["manoeuvres"]
     if save:
-        known, first = load(calibration), min((m["start"] for m in found), default=0) / 86400 + 0.5
+        known, first = load(calibration), min((m["start"] for m in manoeuvres), default=0) / 86400 + 0.5
         day = datetime.date.fromisoformat(source.date or "2000-01-01") + datetime.timedelta(0 if source.date else first)
         files = known.level_one_files(source)
         digests = {file.name: archive.file_digest(file.path, file.member) for file in files}
-        about = known.design, tuple(source.satellite), day, found, digests, document["origin"]
+        about = known.design, tuple(source.satellite), day, manoeuvres, digests, document["origin"]
         event = catalog.save_event(source.event, catalog.event_text(calibration, *about))
         output.say(f"stored as event {event.name}")
-    raise typer.Exit(0 if found else 3)
+    raise typer.Exit(0 if manoeuvres else 3)
 
 
 @command_of(app)
@@ -218,16 +218,16 @@ def discover(
     raise typer.Exit(command.EXIT[document["status"]])
 
 
-def _joint(calibration, satellite, data, given, events, engine, workers, out, json):
+def _joint(calibration, satellite, data, configuration, events, engine, workers, out, json):
     """Search many events together, and say what that found and what has changed since the last time."""
     command.check_searched(calibration)
-    chosen = configurations.record(command.chosen(calibration, *given))
+    chosen = configurations.record(command.chosen(calibration, *configuration))
     named = [one.strip() for one in events.split(",") if one.strip()]
-    found = discoveries.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
-    for document, files, _ in found if out else ():
-        named = out.with_stem(f"{out.stem}-{document['satellite']}") if len(found) > 1 else out
+    searches = discoveries.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
+    for document, files, _ in searches if out else ():
+        named = out.with_stem(f"{out.stem}-{document['satellite']}") if len(searches) > 1 else out
         shutil.copy(next(path for path in files if path.name == "joint.html"), named)
-    output.joint(found, json)
+    output.joint(searches, json)
 
 
 @command_of(app)
@@ -380,15 +380,15 @@ def without_word(context: typer.Context) -> None:
 @command_of(products, "list")
 def list_products(event, stage, as_, all_, json) -> None:
     """List the products of the store."""
-    found, document = housekeeping.entries(event, stage, newest_only=not all_, configuration=as_), []
+    kept, document = housekeeping.entries(event, stage, newest_only=not all_, configuration=as_), []
     facts = ("key", "digest", "bytes", "seconds", "made", "machine", "stage")
-    for entry in found:
+    for entry in kept:
         row = {"product": entry.ref.name, "path": str(entry.ref.path), "newest": entry.newest}
         row |= {"configurations": list(entry.configurations)}
         document.append(row | {name: entry.record.get(name) for name in facts})
     if output.delivered(document, json):
         names = ("bytes", "seconds", "made")
-        rows = [[e.ref.name, e.ref.key[:12], *(e.record[n] for n in names), ", ".join(e.configurations)] for e in found]
+        rows = [[e.ref.name, e.ref.key[:12], *(e.record[n] for n in names), ", ".join(e.configurations)] for e in kept]
         output.table(["product", "key", *names, "configuration"], rows)
 
 
@@ -464,7 +464,7 @@ def history(product, with_settings, json) -> None:
         output.table(heads, list(_history_rows(node, 0, set(), with_settings)))
 
 
-def _history_rows(node, depth, seen, settings):
+def _history_rows(node, depth, listed, settings):
     """Rows of a product, its settings if wanted, and its inputs, each product once."""
     name = "  " * depth + node["name"]
     if node["record"] is None:
@@ -472,14 +472,14 @@ def _history_rows(node, depth, seen, settings):
         return
     record = node["record"]
     key = record["key"]
-    yield [name, key[:12], str(record["recipe"]["version"]), "(see above)" if key in seen else record["made"]]
-    if key in seen:
+    yield [name, key[:12], str(record["recipe"]["version"]), "(see above)" if key in listed else record["made"]]
+    if key in listed:
         return
-    seen.add(key)
+    listed.add(key)
     for setting, value in record["recipe"]["settings"].items() if settings else ():
         yield [f"{'  ' * depth}  . {setting} = {value}", "", "", ""]
     for inner in node["inputs"]:
-        yield from _history_rows(inner, depth + 1, seen, settings)
+        yield from _history_rows(inner, depth + 1, listed, settings)
 
 
 @command_of(app)
@@ -500,10 +500,10 @@ def rebuild(product, json) -> None:
 def settings(calibration, name, json) -> None:
     """Show parameters with value, unit, the stages they reach and reason, and the configurations that were run."""
     if calibration is None:
-        found = {one: configurations.operational(one) for one in command.known()}
-        if output.delivered(found, json):
+        operational = {one: configurations.operational(one) for one in command.known()}
+        if output.delivered(operational, json):
             rows = [[n, len(catalog.parameters(n).entries), _promoted(o), ", ".join(configurations.names(n))]
-                    for n, o in found.items()]  # fmt: skip
+                    for n, o in operational.items()]  # fmt: skip
             output.table(["calibration", "parameters", "operational", "experiments"], rows)
         return
     command.record(calibration)
@@ -511,7 +511,7 @@ def settings(calibration, name, json) -> None:
     plain, used = catalog.parameters(calibration), configurations.chosen(calibration, {})
     names, shown = list(plain.entries), known
     if name in plain.entries:
-        names, shown = [name], {one: given for one, given in known.items() if name in given}
+        names, shown = [name], {one: changes for one, changes in known.items() if name in changes}
     elif name is not None:
         shown = {name: configurations.settings_of(calibration, name)}
         used = plain.with_settings(shown[name])
@@ -540,7 +540,7 @@ def settings(calibration, name, json) -> None:
     if rows:
         output.table(["parameter", "value", "unit", "", "stages", "reason"], rows)
     output.say(f"operational: {_promoted(document['operational'])}")
-    rows = [[name, ", ".join(configurations.said(given))] for name, given in shown.items()]
+    rows = [[name, ", ".join(configurations.said(changes))] for name, changes in shown.items()]
     if rows:
         output.table(["configuration", "differs from the catalogue in"], rows)
 

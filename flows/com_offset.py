@@ -17,24 +17,24 @@ TORQUERS_WITH_SIGMA = (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
 @flow(name="com_offset")
 def calibrate(source, chosen):
     """Offset of the centre of mass from the manoeuvres of one day."""
-    found, recorded = _aligned(source, chosen)
-    aligned, *given = DISCOVERY.given("com_offset", source, chosen, recorded)
+    spans, recorded = _aligned(source, chosen)
+    aligned, *added = DISCOVERY.given("com_offset", source, chosen, recorded)
     checked = com_offset.field(aligned, **chosen.for_stage("field"))
     surveyed = com_offset.survey(aligned, checked)
     smoothed, angular, solved = _solved(source, chosen, aligned, checked, VARIANTS)
     others = [common.ingest(file, event=source.event) for file in source.files(*CALIBRATION.inputs["orbit"])[1:]]
     judged = com_offset.checks(aligned, checked, smoothed, *others, **chosen.for_stage("checks"))
-    products = (_joined(chosen, solved, *given), *solved, *angular, smoothed, checked, surveyed, found, aligned, judged)
+    products = (_joined(chosen, solved, *added), *solved, *angular, smoothed, checked, surveyed, spans, aligned, judged)
     known, settings = catalog.satellite(source.satellite).settings(), chosen.for_report()
     settings |= {name: known[name] for name in ("roll_response", "roll_response_sigma") if name in known}
-    told = {"event": source.event, "satellite": source.satellite, "settings": settings}
-    return com_offset.report(*products, **told, published=common.printed_of("com_offset", source.event))
+    about = {"event": source.event, "satellite": source.satellite, "settings": settings}
+    return com_offset.report(*products, **about, published=common.printed_of("com_offset", source.event))
 
 
 def _aligned(source, chosen):
     files = {name: common.ingest(source.file(*names), event=source.event) for name, names in CALIBRATION.inputs.items()}
-    found = com_offset.detect(files["mag"], **chosen.for_stage("detect"))
-    return found, com_offset.align(found, *files.values(), **chosen.for_stage("align"))
+    detected = com_offset.detect(files["mag"], **chosen.for_stage("detect"))
+    return detected, com_offset.align(detected, *files.values(), **chosen.for_stage("align"))
 
 
 def _solved(source, chosen, aligned, checked, variants):
@@ -70,10 +70,10 @@ def combined(source, chosen, aligned, moved=(), added=""):
 
 
 def _joined(chosen, solved, moved, added):
-    found = com_offset.combine(*solved, **chosen.for_stage("combine"))
+    offset = com_offset.combine(*solved, **chosen.for_stage("combine"))
     if not (moved or added):
-        return found
-    return com_offset.model_error(found, *moved, added=added, **chosen.for_stage("model_error"))
+        return offset
+    return com_offset.model_error(offset, *moved, added=added, **chosen.for_stage("model_error"))
 
 
 def scene_settings(source, chosen):
@@ -95,9 +95,9 @@ def detect(source, chosen):
     return com_offset.detect(magnetometer, **chosen.for_stage("detect"))
 
 
-def manoeuvres(found):
+def manoeuvres(detected):
     """Manoeuvres of a detect product."""
-    columns = (found[name].values for name in ("kind", "start", "stop"))
+    columns = (detected[name].values for name in ("kind", "start", "stop"))
     for kind, start, stop in zip(*columns, strict=True):
         yield {"kind": ("roll", "pitch", "yaw")[int(kind)], "start": float(start), "stop": float(stop)}
 
@@ -105,8 +105,8 @@ def manoeuvres(found):
 def values(document, variant=None):
     """Offset of a variant, without one that which is adopted."""
     variant = variant or (document.get("adopted") or {}).get("variant")
-    found = (document.get("variants") or {}).get(variant)
-    return results.vector("", "", "um", found, ("offset_um", "sigma_um", "sigma_total_um")) if found else ()
+    offset = (document.get("variants") or {}).get(variant)
+    return results.vector("", "", "um", offset, ("offset_um", "sigma_um", "sigma_total_um")) if offset else ()
 
 
 def recomputed(document, section, printed, _run):

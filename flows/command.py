@@ -44,11 +44,11 @@ def chosen(calibration, settings, model=None, name=None):
 
 def configured(calibration, settings, model=None, name=None):
     """The same of whatever has a settings file."""
-    given = pairs(settings)
+    values = pairs(settings)
     if model is not None:
-        given["model"] = model_text(model)
+        values["model"] = model_text(model)
     try:
-        return configurations.chosen(calibration, given, name)
+        return configurations.chosen(calibration, values, name)
     except CatalogError as error:
         if settings and "configuration" not in error.facts:
             raise typer.BadParameter(f"--set: {error}") from error
@@ -57,13 +57,13 @@ def configured(calibration, settings, model=None, name=None):
 
 def pairs(texts):
     """Mapping of key=value texts; a text without "=" is wrong usage."""
-    found = {}
+    values = {}
     for text in texts or []:
         key, equals, value = text.partition("=")
         if not (key and equals):
             raise typer.BadParameter(f"{text!r}: expected KEY=VALUE")
-        found[key.strip()] = value
-    return found
+        values[key.strip()] = value
+    return values
 
 
 def source(calibration, event, data, satellite, date):
@@ -95,16 +95,16 @@ def check_folder(calibration, data):
     """
     installed = load_all()
     inventories = {id(one.files): one.files for one in installed.values()}.values()
-    found = sorted({file.product for kind in inventories for file in kind.inventory(data)})
+    products = sorted({file.product for kind in inventories for file in kind.inventory(data)})
     wanted = installed[calibration].begins
-    if set(found) & set(wanted):
+    if set(products) & set(wanted):
         return
-    others = [name for name, one in installed.items() if set(found) & set(one.begins)]
+    others = [name for name, one in installed.items() if set(products) & set(one.begins)]
     named = " and ".join([", ".join(others[:-1]), others[-1]] if others[1:] else others)
     reads = f" (files of {named})" if others else ""
     remedy = "Run one of these on it, or give another --data." if others else "Check --data."
-    there, expected = f"{', '.join(found) or 'no Level-1 file'}{reads}", f"{' or '.join(wanted)} for {calibration}"
-    refuse(data, there, expected, remedy, ProductError if found else NoDataError)
+    there, expected = f"{', '.join(products) or 'no Level-1 file'}{reads}", f"{' or '.join(wanted)} for {calibration}"
+    refuse(data, there, expected, remedy, ProductError if products else NoDataError)
 
 
 def made(body, source, chosen, engine_name):
@@ -138,16 +138,16 @@ def sources(calibration, event, data, satellite, date):
         except ProductError:
             if date is not None or data is None or not data.is_dir() or len(record(calibration).days(data)) < 2:
                 raise
-        found = many_sources(calibration, satellite, data)
-        for one in (one for one in found if isinstance(one, Refused)):
+        candidates = many_sources(calibration, satellite, data)
+        for one in (one for one in candidates if isinstance(one, Refused)):
             engine.warn(f"{one.event} left out: {one.error}")
-        return [one for one in found if not isinstance(one, Refused)]
+        return [one for one in candidates if not isinstance(one, Refused)]
     one, made = record(calibration), []
-    found = history.level_one_folders(calibration)
-    if not found:
-        where, found = f"product store {location.folder()}", f"no event of {calibration} that was ever run"
-        refuse(where, found, "one", "Give an EVENT or --data DIR.")
-    for event_, folder, letters, day in found:
+    folders = history.level_one_folders(calibration)
+    if not folders:
+        where, missing = f"product store {location.folder()}", f"no event of {calibration} that was ever run"
+        refuse(where, missing, "one", "Give an EVENT or --data DIR.")
+    for event_, folder, letters, day in folders:
         try:
             made.append(replace(one.source(data=folder, satellite=letters, date=day), event=event_))
         except GravcalError as error:  # its files are no more
@@ -214,8 +214,8 @@ def report_files(event, out, name=None):
     """Files of the last report of an event, operational or of an experiment, copied to a folder if one is given."""
     links = [*store.links("*/*.report"), *store.links("*/as/*/*.report")]
     own = [(link, folder) for link, folder in links if link.parent == location.links(event, name)]
-    found = [(link, store.read_record(folder)) for link, folder in own if store.find(folder.name)]
-    if not found:
+    reports = [(link, store.read_record(folder)) for link, folder in own if store.find(folder.name)]
+    if not reports:
         others = sorted(path.name for path in (location.links(event) / "as").glob("*"))
         if others or name:
             there = f"; experiments there: {', '.join(others)} (--as NAME)" if others else ""
@@ -224,7 +224,7 @@ def report_files(event, out, name=None):
         near = difflib.get_close_matches(event, [path.name for path in (location.folder() / "latest").glob("*")], 3)
         hint = f" Did you mean {', '.join(near)}?" if near else ""
         raise ProductError(f"event {event}: there is no report in {location.folder()}.{hint} Make it with gravcal run.")
-    files = [link / name for link, record in found for name in sorted([*record["files"], "product.nc"])]
+    files = [link / name for link, record in reports for name in sorted([*record["files"], "product.nc"])]
     if out is None:
         return files
     out.mkdir(parents=True, exist_ok=True)
@@ -269,16 +269,16 @@ def sequence(path, *, save=False):
         else:
             made.setdefault((one.calibration, name), []).append((row, days))
         rows.append(row)
-    for (calibration, name), found in made.items() if save else ():
-        design, letter = record(calibration).design, found[0][0]["satellite"]
+    for (calibration, name), sessions in made.items() if save else ():
+        design, letter = record(calibration).design, sessions[0][0]["satellite"]
         design = f"{design}_grace" if letter in "AB" and f"{design}_grace" in catalog.names("designs") else design
-        bounds = ", ".join(f"{row['start']:.0f} to {row['stop']:.0f}" for row, _ in found)
+        bounds = ", ".join(f"{row['start']:.0f} to {row['stop']:.0f}" for row, _ in sessions)
         text = catalog.event_text(
-            calibration, design, (letter,), found[0][1][0], [], {},
-            source=f"sequence-of-events file, GPS seconds {bounds}", last=max(days[-1] for _, days in found),
+            calibration, design, (letter,), sessions[0][1][0], [], {},
+            source=f"sequence-of-events file, GPS seconds {bounds}", last=max(days[-1] for _, days in sessions),
         )  # fmt: skip
         catalog.save_event(name, text)
-        for row, _ in found:
+        for row, _ in sessions:
             row["state"] = "saved"
     ends = [vcm.in_force(entries, name, letter, float("inf")) for name in ("VCM", "VKB") for letter in "ABCD"]
     return {"events": rows, "in_force": [vars(one) for one in ends if one]}
@@ -293,8 +293,8 @@ def origin_of(source):
     """Origin of the files of a source, or of an event or folder by its name, that has no result."""
     event, folder = [source] * 2 if isinstance(source, str) else (source.event, getattr(source, "folder", None))
     stated = catalog.event_origin(event)
-    found = bool(folder) and not stated and Path(folder).is_dir()
-    return archive.origin_below(folder, getattr(source, "date", None)) if found else stated or product.MEASURED
+    from_files = bool(folder) and not stated and Path(folder).is_dir()
+    return archive.origin_below(folder, getattr(source, "date", None)) if from_files else stated or product.MEASURED
 
 
 def failed(calibration, source, error, configuration=location.OPERATIONAL):

@@ -36,12 +36,12 @@ ROOM = 0.9
 
 def constraints(name, path=None):
     """Limits of the designs of a calibration {limit: value}, those of a TOML file before the usual ones."""
-    file, given = f"design_{name}", catalog.read_file(path)[1] if path else {}
+    file, limits = f"design_{name}", catalog.read_file(path)[1] if path else {}
     known = catalog.parameters(file).entries if file in catalog.names("parameters") else {}
-    for limit in given:
+    for limit in limits:
         if limit not in known:
             refuse(path, f"the constraint {limit!r}", f"one of {', '.join(known)}", "Correct the name.")
-    return {n: list(e.value) if isinstance(e.value, tuple) else e.value for n, e in known.items()} | given
+    return {n: list(e.value) if isinstance(e.value, tuple) else e.value for n, e in known.items()} | limits
 
 
 def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, verify=0, out=None, say=lambda _: None):
@@ -65,8 +65,8 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
         if hasattr(one.planning, "library"):
             periods = ({"period_s": period} for period in np.atleast_1d(limits["period_s"]).tolist())
             options = [Place(*about, limits | one, say, noise["settings"]) for one in periods]
-            found = [(*option.of_library(minutes or usual, causes), option) for option in options]
-            _, plan, new, place = min(found, key=lambda one: one[0])
+            designs = [(*option.of_library(minutes or usual, causes), option) for option in options]
+            _, plan, new, place = min(designs, key=lambda one: one[0])
             old = place.published(causes)
         else:
             plan, new, old = place.best(minutes or usual, causes)
@@ -98,14 +98,14 @@ def noise_of(one, satellite, chosen):
 
     Measured events come before invented ones; where no event has quiet data it is that of the catalogue.
     """
-    found, letters = [], one.pairs.get(satellite, satellite)
+    events, letters = [], one.pairs.get(satellite, satellite)
     for link, folder in store.links(f"*/{one.noise[0]}") if one.noise else ():
         event = link.parent.name
         if set(timeline.letters_of(event)) & set(letters):
             origin = store_index.origin(folder / "product.nc")
-            found.append((origin == MEASURED, re.search(r"\d{4}-.*|$", event).group(), event, origin))
+            events.append((origin == MEASURED, re.search(r"\d{4}-.*|$", event).group(), event, origin))
     usual = catalog.parameters(f"simulate_{one.name}")
-    for *_, event, origin in sorted(found, reverse=True):
+    for *_, event, origin in sorted(events, reverse=True):
         records = [store.newest_record(event, stage) for stage in one.noise]
         settings = all(records) and one.planning.measured_noise(
             usual, chosen, *(read(store.find(r["key"])) for r in records)
@@ -202,8 +202,8 @@ class Place:
         sizes = size | {name: sigma for name, sigma in least.items() if sigma}  # the published one does not say these
         losses = [np.log(loss(errors, sizes)) + design.short(apart, wanted) for _, errors, apart in tried]
         if not min(losses, default=np.inf) < np.inf:
-            found = f"{len(plans)} sessions of {minutes} minutes, none of which tells all"
-            refuse(f"design {self.one.name}", found, "one that does", "Give more time or loosen a constraint.")
+            shortfall = f"{len(plans)} sessions of {minutes} minutes, none of which tells all"
+            refuse(f"design {self.one.name}", shortfall, "one that does", "Give more time or loosen a constraint.")
         plan = tried[int(np.argmin(losses))][0]
         new, after = self.errors(plan, later, causes, known=names)
         say = lambda one, apart: {  # noqa: E731
@@ -232,12 +232,12 @@ class Place:
             rows.append(list(zip(values, self.one.truth(truth), strict=True)))
             if known is not None and len(rows) >= FLIGHTS and _settled(rows, known):
                 break
-        found = {}
+        means = {}
         for column in zip(*rows, strict=True):
             known = [(v.sigma, v.value - true) for v, true in column if v.sigma is not None]
             mean = np.sqrt(np.mean(np.square(known), axis=0)).tolist() if len(known) == len(rows) else (None, None)
-            found[column[0][0].label] = *mean, column[0][0].unit
-        return found, {pair: float(np.mean([one[pair] for one in apart])) for pair in itertools.combinations(causes, 2)}
+            means[column[0][0].label] = *mean, column[0][0].unit
+        return means, {pair: float(np.mean([one[pair] for one in apart])) for pair in itertools.combinations(causes, 2)}
 
     @property
     def tied(self):
@@ -288,8 +288,8 @@ class Place:
         from the other, or "falsely" the other without it.
         """
         self.say(f"{flights} flights to check")
-        found, _ = self.errors(plan, range(101, 101 + flights))
-        sigma, error, _ = zip(*found.values(), strict=True)
+        errors, _ = self.errors(plan, range(101, 101 + flights))
+        sigma, error, _ = zip(*errors.values(), strict=True)
         made = {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
         if not causes:
             return made
@@ -309,8 +309,8 @@ class Place:
                     row += 1, right, not right and any(other in one for one in sets if slug not in one)
             shutil.rmtree(self.folder / f"search-{k}")
         names = "flights", "separated", "falsely"
-        told = {pair: dict(zip(names, map(int, row), strict=True)) for pair, row in rows.items()}
-        return made | {"separated": [{"causes": list(pair)} | one for pair, one in told.items()]}
+        counts = {pair: dict(zip(names, map(int, row), strict=True)) for pair, row in rows.items()}
+        return made | {"separated": [{"causes": list(pair)} | one for pair, one in counts.items()]}
 
 
 def _settled(rows, names):

@@ -47,22 +47,22 @@ def flow_of(name: str, shown: bool = False):
         looked, event, results, digest = one.discovery, {"event": source.event}, (), ""
         if looked.together is not None:
             return looked.together(source, chosen, shown)
-        found, records, products = searched(one, source, chosen, shown)
+        search, records, products = searched(one, source, chosen, shown)
         if looked.result is not None:
             fixed = {"observations": looked.observations, "names": list(products)}
             fixed |= {"records": records.kind, "settings": looked.settings(source, chosen)} | event
-            without = discovery.extend_by(found, *products.values(), variant="discovered", tentative=False, **fixed)
+            without = discovery.extend_by(search, *products.values(), variant="discovered", tentative=False, **fixed)
             after = looked.result(source, chosen, without)
             recorded = looked.records(source, chosen)
-            _, *given = looked.given(one.name, source, chosen, recorded)
+            _, *added = looked.given(one.name, source, chosen, recorded)
             results = [looked.result(source, chosen, records), after]  # last: latest/ leads to it, or to that of a run
-            results += [looked.result(source, chosen, records, *given)] if any(given) else []
+            results += [looked.result(source, chosen, records, *added)] if any(added) else []
             digest = recorded.digest
         elif looked.again:
             looked.baseline(source, chosen)  # last: latest/ leads to it
         values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
         named = {"calibration": one.name, "observations": looked.observations, "satellite": source.satellite} | event
-        return discovery.report(found, *results, **named, settings=values, records=digest)
+        return discovery.report(search, *results, **named, settings=values, records=digest)
 
     return discover
 
@@ -82,19 +82,19 @@ def searched(one: Calibration | Study, source, chosen, shown: bool = False):
     fixed = {"observations": looked.observations, "names": list(products)}
     searched = fixed | {"calibration": one.name, "settings": settings | own} | limits | event
     extended = fixed | {"records": records.kind if records else "", "settings": settings} | event
-    seen = [*products.values()]
+    inputs = [*products.values()]
     *passes, last = (*("first", "second")[: looked.again], "")
-    found = discovery.search(*products.values(), variant=(*passes, last)[0], **searched)
+    search = discovery.search(*products.values(), variant=(*passes, last)[0], **searched)
     for variant, following in itertools.pairwise((*passes, last)):
         if looked.rebuilt:
-            again = looked.rebuilt(source, chosen, found, variant)
+            again = looked.rebuilt(source, chosen, search, variant)
         else:
-            without = discovery.extend_by(found, *products.values(), variant=variant, tentative=True, **extended)
+            without = discovery.extend_by(search, *products.values(), variant=variant, tentative=True, **extended)
             again = looked.built(source, chosen, without)
-        found = discovery.search_again(found, *again.values(), variant=following, **searched)
-    seen += again.values() if looked.again else ()
-    found = discovery.limits(found, *seen, variant="limits", **searched) if shown else found
-    return found, records, products
+        search = discovery.search_again(search, *again.values(), variant=following, **searched)
+    inputs += again.values() if looked.again else ()
+    search = discovery.limits(search, *inputs, variant="limits", **searched) if shown else search
+    return search, records, products
 
 
 def evidence_of(calibration: str) -> Calibration:
@@ -104,13 +104,13 @@ def evidence_of(calibration: str) -> Calibration:
 
     @flow(name=f"{one.name}_evidence")
     def evidence(source, chosen):
-        products, told = looked.baseline(source, chosen), []
+        products, housekeeping = looked.baseline(source, chosen), []
         settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
         about = {"calibration": one.name, "observations": looked.observations, "names": list(products)}
         for file in source.files(*looked.housekeeping) if looked.housekeeping else ():
             with contextlib.suppress(ProductError):  # what cannot be read is not followed, which the search says
-                told.append(common.ingest(file, event=source.event))
-        return discovery.evidence(*products.values(), *told, **about, settings=settings, event=source.event)
+                housekeeping.append(common.ingest(file, event=source.event))
+        return discovery.evidence(*products.values(), *housekeeping, **about, settings=settings, event=source.event)
 
     return replace(one, flow=evidence, document=lambda _: {"status": "delivered"}, result=lambda _: ())
 
@@ -127,17 +127,17 @@ def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=
         there = ", ".join(source.event for source in sources)
         refuse(f"--events {','.join(unknown)}", "no such event", f"some of {there}", "Correct the names.", NoDataError)
     sources = [source for source in sources if not events or source.event in events]
-    told = campaigns.run(campaigns.Campaign(name, chosen, engine, workers=workers, search="joint"), sources)
-    owners, left_out = {}, {row["event"]: row["error"] for row in told["events"] if "report" not in row}
-    for source, row in zip(sources, told["events"], strict=True):
+    summary = campaigns.run(campaigns.Campaign(name, chosen, engine, workers=workers, search="joint"), sources)
+    owners, left_out = {}, {row["event"]: row["error"] for row in summary["events"] if "report" not in row}
+    for source, row in zip(sources, summary["events"], strict=True):
         if "report" in row:
             owners.setdefault(source.satellite, []).append(row)
     left_out |= {rows[0]["event"]: "the only one of its satellite" for rows in owners.values() if len(rows) < 2}
-    found = [_of_one(name, one, rows, chosen, left_out) for one, rows in sorted(owners.items()) if len(rows) > 1]
-    if not found:
+    searches = [_of_one(name, one, rows, chosen, left_out) for one, rows in sorted(owners.items()) if len(rows) > 1]
+    if not searches:
         reasons = "; ".join(f"{event} ({reason})" for event, reason in left_out.items())
         refuse(f"{name} --joint", f"no two events of a satellite, not {reasons}", "two", "Give more data.")
-    return found
+    return searches
 
 
 def _of_one(name, satellite, rows, chosen, left_out):

@@ -37,8 +37,8 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
     entries = housekeeping.entries(event=event, configuration=configuration)
     reports = [one for one in entries if one.ref.stage.endswith("report")]
     if not reports:
-        found = f"no report of the configuration {configuration} in {location.folder()}"
-        refuse(event, found, "one", "Make it with gravcal run, or name an experiment with --as.")
+        missing = f"no report of the configuration {configuration} in {location.folder()}"
+        refuse(event, missing, "one", "Make it with gravcal run, or name an experiment with --as.")
     if out.exists() and (out.is_file() or any(out.iterdir())):
         refuse(str(out), "that it is there already", "a new folder or file", "Give another --out.")
     files = {
@@ -49,8 +49,8 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
         if text:  # that of a search has its own
             files.setdefault(f"report/{one.ref.stage}/model.toml", text)
     files |= {f"products/{one.ref.stage}.nc": one.ref.path.read_bytes() for one in entries}
-    told = set()
-    made_of = {one.ref.stage: _told_once(history.tree(one), told) for one in reports}
+    written = set()
+    made_of = {one.ref.stage: _told_once(history.tree(one), written) for one in reports}
     files["provenance.json"] = json.dumps(made_of, indent=1).encode()
     files["CITATION.cff"] = citation(event, configuration, reports).encode()
     out.parent.mkdir(parents=True, exist_ok=True)
@@ -65,13 +65,13 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
     return sorted(files)
 
 
-def _told_once(node, told):
+def _told_once(node, written):
     """Node of a tree whose products are written out where they are met first, then by key: a report has many paths."""
     key = node["record"]["key"] if node["record"] else None
-    if key in told:
+    if key in written:
         return {"name": node["name"], "key": key, "record": None, "inputs": []}
-    told |= {key} if key else set()
-    return node | {"inputs": [_told_once(one, told) for one in node["inputs"]]}
+    written |= {key} if key else set()
+    return node | {"inputs": [_told_once(one, written) for one in node["inputs"]]}
 
 
 def citation(event: str, configuration: str, reports: list) -> str:
@@ -94,7 +94,7 @@ def citation(event: str, configuration: str, reports: list) -> str:
         for doi in sorted(dois)
         if doi.startswith("10.")
     ]
-    found = {
+    fields = {
         "cff-version": "1.2.0",
         "message": "Cite this result together with its references.",
         "type": "dataset",
@@ -105,5 +105,5 @@ def citation(event: str, configuration: str, reports: list) -> str:
             {"type": "other", "value": one.ref.digest, "description": f"SHA-256 of {one.ref.stage}"} for one in reports
         ],
     }
-    text = yaml.safe_dump(found | ({"references": references} if references else {}), sort_keys=False, width=1000)
+    text = yaml.safe_dump(fields | ({"references": references} if references else {}), sort_keys=False, width=1000)
     return text + ("# The data are simulated: there is none to cite.\n" if simulated else "")

@@ -31,8 +31,8 @@ def calibrate(source, chosen):
     methods.append("one_sensor")
     recorded, field = _recorded(source, chosen)
     solved = functools.partial(_solved, field=field, chosen=chosen, methods=methods)
-    observed, *given = DISCOVERY.given("gradient_torque", source, chosen, recorded, solved)
-    modelled, drags = _solved(observed, field, chosen, methods, "", *given)
+    observed, *added = DISCOVERY.given("gradient_torque", source, chosen, recorded, solved)
+    modelled, drags = _solved(observed, field, chosen, methods, "", *added)
     known = []
     if chosen.truth:
         file = daily.other_file(Path(chosen.truth).expanduser(), "TRUTH", source.date)
@@ -69,18 +69,18 @@ def _solved(observed, field, chosen, methods, suffix="", moved=(), added=""):
 
 def by_one_sensor(source, chosen, observed, moved=(), added=""):
     """Readings with gradient and drag by one sensor, by name; the drag with what a model adds."""
-    given = [(None, [drag]) for drag in moved], added
-    modelled, (drag,) = _solved(observed, _recorded(source, chosen)[1], chosen, ["one_sensor"], "", *given)
+    model_errors = [(None, [drag]) for drag in moved], added
+    modelled, (drag,) = _solved(observed, _recorded(source, chosen)[1], chosen, ["one_sensor"], "", *model_errors)
     return {"ingest": observed, "gradient": modelled, "drag": drag}
 
 
 def document(ref):
     """Result document of a report product, with the keys of everything it was made from."""
-    found = common.document(ref)
-    keys = found["provenance"]["products"]
-    for name, block in found["drag"].items():
+    document = common.document(ref)
+    keys = document["provenance"]["products"]
+    for name, block in document["drag"].items():
         block["series"] = keys.get(f"gradient_torque.drag.{name}", block["series"])
-    return found
+    return document
 
 
 def simulation(out, chosen, day, seed, effects, truth):
@@ -143,7 +143,7 @@ def recomputed(document, section, printed, run):
         return [one.get("sigma_total_rms") if error is None else error], [None]
     if printed.name == "observable_degree_claimed":
         degrees = zip(document["torque"]["degrees"], document["torque"]["above_sensitivity"], strict=True)
-        return [", ".join(str(n) for n, seen in degrees if seen) or "none"], [None]
+        return [", ".join(str(n) for n, above in degrees if above) or "none"], [None]
     return None
 
 
@@ -153,7 +153,7 @@ DISCOVERY = Discovery(
     records=lambda source, chosen: _recorded(source, chosen)[0],
     products=by_one_sensor,
     again=1,
-    result=lambda *given: by_one_sensor(*given)["drag"],
+    result=lambda *arguments: by_one_sensor(*arguments)["drag"],
 )
 CALIBRATION = Calibration(
     **stated(__file__),

@@ -25,16 +25,16 @@ def calibrate(source, chosen):
         settings = {"event": source.event, "variant": ""} | known | chosen.for_stage("checks")
         products["checks"] = inertial_sensor.checks(products["detect"], *level_one_files(source), **settings)
     products.pop("segment", None)
-    told = {"event": source.event, "settings": chosen.for_report(), "published": common.printed_of("inertial_sensor")}
-    return inertial_sensor.report(*products.values(), names=list(products), **told)
+    about = {"event": source.event, "settings": chosen.for_report(), "published": common.printed_of("inertial_sensor")}
+    return inertial_sensor.report(*products.values(), names=list(products), **about)
 
 
-def observed(source, chosen, found=None, variant=None):
+def observed(source, chosen, search=None, variant=None):
     """Products that discovery looks at, by name: of the swing, of the roll; what was detected if there is neither.
 
     With what a search has found those without it, of a variant.
     """
-    products, files = _solved(source, chosen, widened=False, found=found and {"found": found, "variant": variant})
+    products, files = _solved(source, chosen, widened=False, found=search and {"found": search, "variant": variant})
     return {name: one for name, one in products.items() if name != "detect" or not files}
 
 
@@ -70,14 +70,14 @@ def _roll(chosen, segmented, known):
 
 def _without_model(source, chosen, solve, records, known, how):
     """Products of records; with a model without its effects, and widened by its errors or without what was found."""
-    products, (widened, found) = solve(chosen, records, known), how
-    if found:
+    products, (widened, search) = solve(chosen, records, known), how
+    if search:
         if chosen.model:
             products = _without_model(source, chosen, solve, records, known, (False, None))
         parts = products | known
         about = {"observations": DISCOVERY.observations, "settings": views(None, chosen), "tentative": True}
-        about |= {"records": records.kind, "names": list(parts), "variant": found["variant"], "event": records.event}
-        return solve(chosen, discovery.extend_by(found["found"], *parts.values(), **about), known)
+        about |= {"records": records.kind, "names": list(parts), "variant": search["variant"], "event": records.event}
+        return solve(chosen, discovery.extend_by(search["found"], *parts.values(), **about), known)
     one = lambda moved: solve(chosen, moved, known)  # noqa: E731
     without, moved = DISCOVERY.taken_out(source, chosen, records, one, products | known, alone=not widened)
     if without is records:  # no model, or none of this day

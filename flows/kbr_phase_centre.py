@@ -22,12 +22,12 @@ def calibrate(source, chosen):
     """Phase centres of both satellites from the wiggles of one day."""
     files = ingested(source, chosen)
     recorded = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
-    aligned, *given = DISCOVERY.given("kbr_phase_centre", source, chosen, recorded)
-    pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned, OBSERVABLES, *given)
+    aligned, *added = DISCOVERY.given("kbr_phase_centre", source, chosen, recorded)
+    pointed, equations, quiet, solved, combined = _solved(source, chosen, aligned, OBSERVABLES, *added)
     checked = inputs_checked(source, chosen, files, aligned, pointed, equations)
-    told = {"event": source.event, "settings": chosen.for_report()} | nominal_of(source)
-    told["published"] = common.printed_of("kbr_phase_centre")
-    return kbr_phase_centre.report(combined, pointed, quiet, checked, *solved, **told)
+    about = {"event": source.event, "settings": chosen.for_report()} | nominal_of(source)
+    about["published"] = common.printed_of("kbr_phase_centre")
+    return kbr_phase_centre.report(combined, pointed, quiet, checked, *solved, **about)
 
 
 def with_equations(source, chosen, aligned, observables):
@@ -121,18 +121,18 @@ def _days(source):
 
 def _known(event):
     known = catalog.event(event) if event in catalog.names("events") else None
-    found = known.found if known and known.calibration == "kbr_phase_centre" else ()
-    return [(letter, one) for one in found for letter in (one.satellite or known.letters)]
+    manoeuvres = known.found if known and known.calibration == "kbr_phase_centre" else ()
+    return [(letter, one) for one in manoeuvres for letter in (one.satellite or known.letters)]
 
 
 def _pointing_settings(source, chosen):
     """Settings of the pointing stage, with the manoeuvres that the catalogue holds for this event."""
-    given = []
+    wiggles = []
     for letter, one in _known(source.event):
         axis = ("pitch", "yaw").index(one.kind.lstrip("+-"))
         sign = {"+": 1, "-": -1}.get(one.kind[0], 0)
-        given += [(source.satellite.index(letter), axis, sign, one.start, one.stop)]
-    return chosen.for_stage("pointing") | nominal_of(source) | {"given": tuple(given)}
+        wiggles += [(source.satellite.index(letter), axis, sign, one.start, one.stop)]
+    return chosen.for_stage("pointing") | nominal_of(source) | {"given": tuple(wiggles)}
 
 
 def nominal_of(source):
@@ -141,10 +141,10 @@ def nominal_of(source):
     return {"nominal_m": tuple(tuple(float(v) for v in centre) for centre in centres)}
 
 
-def manoeuvres(found):
+def manoeuvres(pointed):
     """Wiggles of a pointing product."""
-    letters, axes = found.attrs["satellites"], ("pitch", "yaw")
-    columns = [found[name].values for name in ("satellite_index", "axis_index", "sign", "start", "stop")]
+    letters, axes = pointed.attrs["satellites"], ("pitch", "yaw")
+    columns = [pointed[name].values for name in ("satellite_index", "axis_index", "sign", "start", "stop")]
     for number, axis, sign, start, stop in zip(*columns, strict=True):
         kind = ("", "+", "-")[sign] + axes[axis]
         yield {"satellite": letters[number], "kind": kind, "start": float(start), "stop": float(stop)}
@@ -184,7 +184,7 @@ DISCOVERY = Discovery(
     records=aligned_records,
     again=1,
     products=of_range,
-    result=lambda source, chosen, aligned, *given: _solved(source, chosen, aligned, OBSERVABLES, *given)[-1],
+    result=lambda source, chosen, aligned, *added: _solved(source, chosen, aligned, OBSERVABLES, *added)[-1],
 )
 CALIBRATION = Calibration(
     **stated(__file__),

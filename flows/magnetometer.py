@@ -13,23 +13,23 @@ from tasks import common, magnetometer
 @flow(name="magnetometer")
 def calibrate(source, chosen):
     """Parameters of the magnetometer of one satellite against the reference field."""
-    (found, records, checked), published = made(source, chosen).values(), []
+    (estimate, records, checked), published = made(source, chosen).values(), []
     for file in cdf.files(source.folder, source.satellite, source.date):  # calibrated field of others less ours
         _, camera, orbit = _observed(source)
         theirs = magnetometer.theirs(file, event=source.event)
         settings = chosen.for_stage("estimate") | chosen.for_stage("align")
-        published.append(magnetometer.beside(records, found, camera, orbit, theirs, **settings))
-    return magnetometer.report(found, records, checked, *published, event=source.event, settings=chosen.for_report())
+        published.append(magnetometer.beside(records, estimate, camera, orbit, theirs, **settings))
+    return magnetometer.report(estimate, records, checked, *published, event=source.event, settings=chosen.for_report())
 
 
 def made(source, chosen):
     """Estimate, records and checks by stage."""
     solved = functools.partial(estimated, chosen)
     records, moved = DISCOVERY.taken_out(source, chosen, aligned(source, chosen), solved)
-    found = estimated(chosen, records)
-    checked = magnetometer.checks(records, found, **chosen.for_stage("checks"))
-    found = magnetometer.model_error(found, *moved) if moved else found
-    return {"estimate": found, "align": records, "checks": checked}
+    estimate = estimated(chosen, records)
+    checked = magnetometer.checks(records, estimate, **chosen.for_stage("checks"))
+    estimate = magnetometer.model_error(estimate, *moved) if moved else estimate
+    return {"estimate": estimate, "align": records, "checks": checked}
 
 
 def _observed(source):

@@ -131,10 +131,10 @@ def _total(steps, every):
     made = [step["seconds"] for step in steps if step["action"] != "reuse"]
     time_ = took(sum(one for one in made if one is not None)) if set(made) - {None} else ""
     unknown = sum(one is None for one in made)
-    told = f"; about {time_} of processor time" if time_ else ""
-    told += f"{',' if told else ';'} {unknown} not known yet" if unknown else ""
+    cost = f"; about {time_} of processor time" if time_ else ""
+    cost += f"{',' if cost else ';'} {unknown} not known yet" if unknown else ""
     hint = "" if every or not counts["reuse"] else " (--all shows what is reused)"
-    return ", ".join(f"{action}: {count}" for action, count in counts.items()) + told + hint
+    return ", ".join(f"{action}: {count}" for action, count in counts.items()) + cost + hint
 
 
 def _after(reason):
@@ -179,8 +179,8 @@ def campaign(summary, first, json_path):
     if summary.get("origin", "measured") != "measured":
         names = (*names[:2], "origin", *names[2:])
     shown, left_out = first
-    told = [[*(row.get(name, "") for name in names), row.get("error") or row.get("said", "")] for row in shown]
-    table([*names, "values or reason"], told)
+    cells = [[*(row.get(name, "") for name in names), row.get("error") or row.get("said", "")] for row in shown]
+    table([*names, "values or reason"], cells)
     say(", ".join(f"{status}: {count}" for status, count in sorted(summary["counts"].items())) + left_out)
     rows = summary["events"]
     answered = sum("since" in row for row in rows)
@@ -211,13 +211,13 @@ def discovery(document, files, json_path):
         say(str(path))
 
 
-def joint(found, json_path):
+def joint(searches, json_path):
     """Verdict on many events of each satellite, what their models share and where the pages are."""
-    documents = [document | {"changes": notes} for document, _, notes in found]
+    documents = [document | {"changes": notes} for document, _, notes in searches]
     both = joint_report.shared(documents) if len(documents) > 1 else []
     if not delivered(documents[0] | ({"others": documents[1:], "shared": both} if documents[1:] else {}), json_path):
         return
-    for document, files, notes in found:
+    for document, files, notes in searches:
         say(f"{document['event']}: {document['verdict']['text']}")
         for event, reason in document["provenance"]["settings"]["left_out"].items():
             note(f"{event} left out: {reason}")

@@ -18,8 +18,8 @@ def made(source, chosen):
     """Estimate, rows and checks by stage."""
     rows, checked = quiet_rows(source, chosen)
     rows, _ = DISCOVERY.taken_out(source, chosen, rows, alone=True)
-    found = ranging.estimate(rows, **chosen.for_stage("estimate"))
-    return {"estimate": found, "align": rows, "checks": ranging.checks(checked, found, **chosen.for_stage("checks"))}
+    solved = ranging.estimate(rows, **chosen.for_stage("estimate"))
+    return {"estimate": solved, "align": rows, "checks": ranging.checks(checked, solved, **chosen.for_stage("checks"))}
 
 
 def quiet_rows(source, chosen):

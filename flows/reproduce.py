@@ -54,7 +54,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
                 engine.warn(f"dates left out: {error}")
     date = paper["days"][0] if paper["public"] and len(paper["days"]) == 1 else None
     with other_store(str(out / "store")):  # simulated days bear the names of measured ones
-        found = {run: [_run(one, paper, run, folder, paper["satellite"], date, out / run)] for run in RUNS}
+        all_documents = {run: [_run(one, paper, run, folder, paper["satellite"], date, out / run)] for run in RUNS}
         at_hand = {days[1:]: days[0] for days in (() if made else one.days(folder))}
         for letter, day, *_ in _dates(one, paper):
             where = out / "dates" / f"{letter}-{day}" if made else at_hand.get((letter, day))
@@ -64,9 +64,9 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
                 engine.warn(f"{letter} {day} left out: {error}")
                 continue
             for run, document in documents.items():
-                found[run].append(document)
-    documents = {run: own for run, (own, *_) in found.items()}
-    items = [_compared(one, item, found) for item in paper["tables"]]
+                all_documents[run].append(document)
+    documents = {run: own for run, (own, *_) in all_documents.items()}
+    items = [_compared(one, item, all_documents) for item in paper["tables"]]
     items += [item | {"rows": []} for item in paper["figures"]]
     kinds = {run: document["origin"] for run, document in documents.items()}
     document = {
@@ -117,17 +117,17 @@ def invent(name, folder, dates, truth):
 
 def _dates(one, paper):
     """Satellite, date, seed and settings, printed values as truth, of each date of a table; not of its own days."""
-    seen = {(paper["satellite"], day) for day in paper["days"]}
+    dates = {(paper["satellite"], day) for day in paper["days"]}
     for item in (item for item in paper["tables"] if "truth" in item):
         for seed, record in enumerate(catalog.published(one.name)[item["section"]], 101):
             letter, day = catalog.event(record.events[0]).letters, record.date
-            if (letter, day) not in seen:
-                seen.add((letter, day))
+            if (letter, day) not in dates:
+                dates.add((letter, day))
                 truth = {item["truth"]: ",".join(map(str, record.value)), "satellite": letter, "date": day}
                 yield letter, day, seed, paper["simulate"] | item["simulate"] | truth
 
 
-def _compared(one, item, found):
+def _compared(one, item, documents):
     """Item with its rows: each printed number beside those of both runs, where they have one."""
     if "section" not in item:
         return item | {"rows": []}
@@ -135,7 +135,7 @@ def _compared(one, item, found):
     for record in catalog.published(one.name)[item["section"]]:
         blocks = {}
         for run in RUNS:
-            made = (one.recomputed(document, item["section"], record, run) for document in found[run])
+            made = (one.recomputed(document, item["section"], record, run) for document in documents[run])
             blocks[run] = next(filter(None, made), None)
         if not any(blocks.values()):
             continue

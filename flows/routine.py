@@ -18,9 +18,9 @@ OTHERS = {"magnetometer": magnetometer, "thrusters": thrusters, "ranging": rangi
 def simulate_and_fit(source, chosen):
     """What every instrument of a day should read, its fit, and what the fit leaves."""
     made, missing = _attempted(_made, source, chosen)
-    found = {f"{part}.{name}": one for part, done in made.items() for name, one in done.items()}
-    known = {"names": tuple(found), "missing": missing, "event": source.event}
-    return routine.report(*found.values(), settings=chosen.for_report(), **known)
+    products = {f"{part}.{name}": one for part, done in made.items() for name, one in done.items()}
+    known = {"names": tuple(products), "missing": missing, "event": source.event}
+    return routine.report(*products.values(), settings=chosen.for_report(), **known)
 
 
 def search(source, chosen, shown):
@@ -31,9 +31,9 @@ def search(source, chosen, shown):
         about = {"calibration": one.name, "event": source.event, "settings": own.for_report()}
         return discover.searched(one, source, own, shown)[0], about
 
-    found, missing = _attempted(of_part, source, chosen)
-    known = {"parts": {part: about for part, (_, about) in found.items()}, "missing": missing, "event": source.event}
-    return routine.discovered(*(ref for ref, _ in found.values()), settings=chosen.for_report(), **known)
+    searches, missing = _attempted(of_part, source, chosen)
+    known = {"parts": {part: about for part, (_, about) in searches.items()}, "missing": missing, "event": source.event}
+    return routine.discovered(*(ref for ref, _ in searches.values()), settings=chosen.for_report(), **known)
 
 
 def _owner(part, source, chosen):
@@ -49,15 +49,15 @@ def _owner(part, source, chosen):
 
 def _attempted(make, source, chosen):
     """What a function makes by part, and why it cannot make others."""
-    found, missing = {}, {}
+    made, missing = {}, {}
     for part in ("accelerometer", *OTHERS):
         done = engine.attempt(functools.partial(make, part, source, chosen))
         if isinstance(done, engine.GravcalError):  # said without the folder that was looked into
             products = done.facts.get("products")
             missing[part] = f"no {' or '.join(products)}" if products else str(done).partition(". ")[0]
         else:
-            found[part] = done
-    return found, missing
+            made[part] = done
+    return made, missing
 
 
 def _made(part, source, chosen):

@@ -67,11 +67,11 @@ def new_data(
         return refused
     asked = repr([str(Path(data).absolute()), calibration, satellite, settings])
     name = "watched-" + hashlib.sha256(asked.encode()).hexdigest()[:32]
-    found = archive.state_of(data)
-    if found is None or location.recall(name) == found:
+    inventory = archive.state_of(data)
+    if inventory is None or location.recall(name) == inventory:
         return Completed(name="Nothing new", message=f"{data}: nothing that the last run has not seen")
     state = _campaign(calibration, satellite, data, settings, workers, joint)
-    location.remember(name, found)
+    location.remember(name, inventory)
     return state
 
 
@@ -85,8 +85,8 @@ def refusal():
     changed = sorted(name for name in now if now[name] != known[name])
     if known and not changed and run.parameters == known["parameters"]:
         return None
-    found = f"found {', '.join(changed) or 'parameters of the run'} changed"
-    said = f"deployment {run.deployment_id}: {found}, expected what gravcal serve registered. Start gravcal serve anew."
+    fault = f"found {', '.join(changed) or 'parameters of the run'} changed"
+    said = f"deployment {run.deployment_id}: {fault}, expected what gravcal serve registered. Start gravcal serve anew."
     return Failed(name="Refused", message=said)
 
 
@@ -94,10 +94,10 @@ def _campaign(calibration, satellite, data, settings, workers, joint):
     """State of a campaign inside the flow that is running; then what its events say together is written."""
     chosen = configurations.record(command.chosen(calibration, settings))
     sources = command.many_sources(calibration, satellite, Path(data) if data else None)
-    seen = itertools.count()
+    numbers = itertools.count()
 
     def listener(row):  # a task of the run for an event that had nothing to make
-        if next(seen) < REUSED:
+        if next(numbers) < REUSED:
             how = {"name": str(row["event"]), "cache_policy": NO_CACHE, "persist_result": False}
             prefect.task(lambda: campaign.state_of([row]), **how)(return_state=True)
 
@@ -119,12 +119,12 @@ def _campaign(calibration, satellite, data, settings, workers, joint):
 
 def _together(calibration, satellite, data, chosen, workers):
     """Bring the models of the satellites up to date; a note beside the run says what changed beyond its error."""
-    found, lines, data = [], [], Path(data) if data else None
+    searches, lines, data = [], [], Path(data) if data else None
     try:
-        found = discover.joint(calibration, satellite, data and [data], chosen, engine="flow", workers=workers)
+        searches = discover.joint(calibration, satellite, data and [data], chosen, engine="flow", workers=workers)
     except GravcalError as error:  # too few events, say: no failure of the campaign
         lines.append(str(error))
-    for document, files, changes in found:
+    for document, files, changes in searches:
         lines += ["", f"{document['event']}: {document['verdict']['text']}", "", *(f"- changed: {t}" for t in changes)]
         lines += [f"- [{path.name}]({_address(path)})" for path in files if path.suffix == ".html"]
     create_markdown_artifact("\n".join(lines), key=f"{calibration.replace('_', '-')}-joint", description=TOGETHER)

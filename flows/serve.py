@@ -89,8 +89,8 @@ def _run(served, schedule, where, said):
     (url, is_own), ended, name = where, threading.Event(), served.arguments["calibration"]
     runner = Runner(name=f"gravcal {name}", limit=1)
     how = {"name": name, "entrypoint_type": EntrypointType.MODULE_PATH}
-    given = served.arguments | ({"data": str(served.data.absolute())} if served.data else {})
-    made = {scheduled.reprocess_all: {"schedule": schedule, "parameters": given | served.pruning}}
+    parameters = served.arguments | ({"data": str(served.data.absolute())} if served.data else {})
+    made = {scheduled.reprocess_all: {"schedule": schedule, "parameters": parameters | served.pruning}}
     if served.watched:
         made[scheduled.new_data] = {"parameters": served.arguments | {"data": str(served.watched.absolute())}}
     known = {flow.name: runner.add_flow(flow, **how, **more) for flow, more in made.items()}

@@ -16,8 +16,8 @@ TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
 @flow(name="thrusters")
 def calibrate(source, chosen):
     """Gain of the attitude thrusters about each axis, and delay of their tags."""
-    found, checked, records, measured, *heads = made(source, chosen).values()
-    reported = (found, measured, records, checked, *heads)
+    estimate, checked, records, measured, *heads = made(source, chosen).values()
+    reported = (estimate, measured, records, checked, *heads)
     return thrusters.report(*reported, event=source.event, settings=chosen.for_report())
 
 
@@ -27,10 +27,10 @@ def made(source, chosen):
     known = products(source, chosen, records)
     solved = functools.partial(estimated, source, chosen, known["noise"])
     records, moved = DISCOVERY.taken_out(source, chosen, records, solved, known)
-    found = solved(records)
-    checked = thrusters.checks(records, found, **chosen.for_stage("checks"))
-    found = thrusters.model_error(found, *moved) if moved else found
-    return {"estimate": found, "checks": checked} | known | {"align": records}
+    estimate = solved(records)
+    checked = thrusters.checks(records, estimate, **chosen.for_stage("checks"))
+    estimate = thrusters.model_error(estimate, *moved) if moved else estimate
+    return {"estimate": estimate, "checks": checked} | known | {"align": records}
 
 
 def aligned(source, chosen):

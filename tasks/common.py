@@ -36,15 +36,15 @@ class Source:
         day = (f for f in archive.inventory(self.folder) if str(f.date) == self.date and f.satellite in own)
         there = ", ".join(sorted({f.product for f in day}))
         beside = f"beside {there}" if there else "and nothing else of that day"
-        found = f"no {' or '.join(products)} of satellite {letter} on {self.date} {beside}"
+        missing = f"no {' or '.join(products)} of satellite {letter} on {self.date} {beside}"
         remedy = "Put the file or its daily archive there, or give another --data, --satellite or --date."
         kind = ProductError if there else NoDataError
-        return refuse(self.folder, found, "one", remedy, kind, folder=str(self.folder), products=products)
+        return refuse(self.folder, missing, "one", remedy, kind, folder=str(self.folder), products=products)
 
     def files(self, *products: str):
         """All of these products that the folder holds, none where it holds none."""
-        found = (archive.find(self.folder, name, self.satellite, self.date) for name in products)
-        return [file for file in found if file]
+        files = (archive.find(self.folder, name, self.satellite, self.date) for name in products)
+        return [file for file in files if file]
 
 
 def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Source:
@@ -54,9 +54,9 @@ def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Sourc
     """
     satellite = next((letter for letter, pair in one.pairs.items() if satellite and satellite in pair), satellite)
     if event is not None:
-        found = _from_catalogue(one, event)
-        pair = next((pair for pair in one.pairs.values() if found.satellite in pair), found.satellite)
-        return replace(found, satellite=pair)
+        source = _from_catalogue(one, event)
+        pair = next((pair for pair in one.pairs.values() if source.satellite in pair), source.satellite)
+        return replace(source, satellite=pair)
     folder = Path(data)
     if not folder.is_dir():
         refuse(folder, "no folder", "one with Level-1 files", "Check --data.", folder=str(folder))
@@ -64,8 +64,8 @@ def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Sourc
     of_day = [f for f in inventory if satellite in (None, f.satellite) and date in (None, f.date)]
     fitting = [f for f in of_day if f.product in one.begins]
     if not fitting:
-        found = [f for f in inventory if f.product in one.begins]
-        have = sorted({f"{f.product} of {f.satellite} on {f.date}" for f in found})
+        candidates = [f for f in inventory if f.product in one.begins]
+        have = sorted({f"{f.product} of {f.satellite} on {f.date}" for f in candidates})
         have = [*have[:3], f"and {len(have) - 3} more"] if len(have) > 4 else have
         wanted = f"{' or '.join(one.begins)}{f' of {satellite}' if satellite else ''}{f' on {date}' if date else ''}"
         remedy, kind = "Correct --satellite or --date, or give another --data.", ProductError if of_day else NoDataError
@@ -94,7 +94,7 @@ def days_of(one, data) -> list[tuple[Path, str, str | None]]:
     A day is where its file is; if the other files of that day are elsewhere, as in a mirror with one tree for each
     level, it is the whole folder. Days that a run would join are one event, without date.
     """
-    folders, there, found = {}, {}, {}
+    folders, there, days = {}, {}, {}
     for file in one.files.inventory(data):
         there.setdefault((file.path.parent, file.date), set()).add(file.product)
         there.setdefault((None, file.date), set()).add(file.product)
@@ -105,9 +105,9 @@ def days_of(one, data) -> list[tuple[Path, str, str | None]]:
         elsewhere = len(own) == 1 and there[next(iter(own)), date] != there[None, date]
         places |= {(date, str(data if elsewhere else folder), letter) for folder in own}
     for date, folder, letter in sorted(places):
-        found.setdefault((Path(folder), one.pairs.get(letter, letter)), set()).add(date)
-    joined = {place for place, dates in found.items() if _are_joined(dates, one.span_days)}
-    return [(*place, day) for place in found for day in ([None] if place in joined else sorted(found[place]))]
+        days.setdefault((Path(folder), one.pairs.get(letter, letter)), set()).add(date)
+    joined = {place for place, dates in days.items() if _are_joined(dates, one.span_days)}
+    return [(*place, day) for place in days for day in ([None] if place in joined else sorted(days[place]))]
 
 
 def _from_catalogue(one, event):
@@ -128,16 +128,16 @@ def _from_catalogue(one, event):
     first, last = str(entry.date), str(entry.end_date or entry.date)
     days = {str(file.date) for file in one.files.inventory(folder) if file.satellite in entry.letters}
     if not any(first <= day <= last for day in days):
-        found = f"no file of satellite {' or '.join(entry.letters)} on {entry.date} in {folder}"
+        missing = f"no file of satellite {' or '.join(entry.letters)} on {entry.date} in {folder}"
         remedy = "Put the files there (gravcal fetch), or give another folder with GRAVCAL_DATA."
-        refuse(f"event {event}", found, "one", remedy, NoDataError)
+        refuse(f"event {event}", missing, "one", remedy, NoDataError)
     return Source(event, "".join(entry.letters), str(entry.date), folder)
 
 
-def _only(folder, found, what, option):
-    if len(found) == 1:
-        return found[0]
-    return refuse(folder, f"{what}s {', '.join(found)}", f"one {what}", f"Give {option}, or another --data.")
+def _only(folder, choices, what, option):
+    if len(choices) == 1:
+        return choices[0]
+    return refuse(folder, f"{what}s {', '.join(choices)}", f"one {what}", f"Give {option}, or another --data.")
 
 
 def printed_of(calibration: str, event: str | None = None) -> dict[str, list[dict]]:
@@ -150,14 +150,14 @@ def printed_of(calibration: str, event: str | None = None) -> dict[str, list[dic
 
 def document(ref, name="result.json") -> dict:
     """Document that was delivered with a product, with the keys of all it was made from by stage, the nearest."""
-    found, records, made_of = json.loads((ref.folder / name).read_text()), store.ancestry(ref.key), {}
+    document, records, made_of = json.loads((ref.folder / name).read_text()), store.ancestry(ref.key), {}
     if records[ref.key] is None:
         raise ProductError(f"{ref.name} ({ref.path}): its record was damaged since it was found. Run again.")
     for part, label in (pair for record in records.values() if record for pair in store.inputs(record)):
         if "key" in part:
             made_of.setdefault(".".join(filter(None, (label["kind"], label["variant"]))), part["key"])
-    found["provenance"] |= {"key": ref.key, "products": dict(sorted(made_of.items()))}
-    return found
+    document["provenance"] |= {"key": ref.key, "products": dict(sorted(made_of.items()))}
+    return document
 
 
 @stage(reads=["file"], writes="ingest", version=1)

@@ -42,42 +42,42 @@ def search_again(first, *products, calibration, observations, names, settings, *
     return driver.discover_again(observed, _limits(limits), first, _model(first))
 
 
-def _limits(given):
-    return driver.Limits(*(given[name] for name in LIMITS))
+def _limits(settings):
+    return driver.Limits(*(settings[name] for name in LIMITS))
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=2, also=["{observations}"])
-def limits(found, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
+def limits(searched, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What was found, with the sizes from which each effect of the catalogue would have been named in this event.
 
     After the products of the first search come those of the second, if there was one.
     """
-    given = products[-len(names) :] if "rebuilt" in found.attrs else products[: len(names)]
+    latest = products[-len(names) :] if "rebuilt" in searched.attrs else products[: len(names)]
     say = lambda text: sys.stderr.write(f"{text}\n")  # noqa: E731
-    return driver.with_limits(found, observations_of(given, observations, names, settings), _limits(limits), say)
+    return driver.with_limits(searched, observations_of(latest, observations, names, settings), _limits(limits), say)
 
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=5, also=["{observations}"])
 def extend(*products, records, observations, names, model, settings):
     """Records without the effects of an extended model."""
-    observed, given = observations_of(products, observations, names, settings), entries(json.loads(model))
-    driver.check_causes(observed, given)
-    return _without(observed, products, records, names, given)
+    observed, effects = observations_of(products, observations, names, settings), entries(json.loads(model))
+    driver.check_causes(observed, effects)
+    return _without(observed, products, records, names, effects)
 
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=6, also=["{observations}"])
-def extend_by(found, *products, records, observations, names, settings, tentative):
+def extend_by(searched, *products, records, observations, names, settings, tentative):
     """Records without what was found in them; what is not adopted is taken out tentatively only."""
-    model = _model(found, tentative)
+    model = _model(searched, tentative)
     return _without(observations_of(products, observations, names, settings), products, records, names, model)
 
 
 @stage(reads=RESULTS, writes="{calibration}.discovery_report", version=10, also=["{observations}"])
-def report(found, *combined, calibration, observations, event, satellite, settings, records):
+def report(searched, *combined, calibration, observations, event, satellite, settings, records):
     """Document, page and extended model; with results before, after, and before with what a model adds, if any."""
     named = {"calibration": calibration, "event": event, "satellite": satellite, "records": records}
     reported = getattr(importlib.import_module(observations), "REPORT", Reported())
-    return report_science.report(found, *combined, settings=settings, reported=reported, **named)
+    return report_science.report(searched, *combined, settings=settings, reported=reported, **named)
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=6, also=["{observations}"])
@@ -90,10 +90,10 @@ def evidence(*products, calibration, observations, names, settings):  # noqa: AR
 @stage(reads=["*.evidence"], writes="{calibration}.joint", version=4)
 def joint(*products, calibration, event, satellite, events, history, settings, **limits):
     """Causes that many events share, the calibration's values in each, and how they move; with page and model."""
-    found = joint_science.Search(evidence_science.events_of(products, events), *(limits[name] for name in LIMITS[:3]))
+    pooled = joint_science.Search(evidence_science.events_of(products, events), *(limits[name] for name in LIMITS[:3]))
     named = {"calibration": calibration, "event": event, "satellite": satellite}
-    told = dict(zip(events, products, strict=True))
-    return joint_report.report(found, told, history=history, settings=settings, **named)
+    by_event = dict(zip(events, products, strict=True))
+    return joint_report.report(pooled, by_event, history=history, settings=settings, **named)
 
 
 def observations_of(products, observations, names, settings):
@@ -101,10 +101,10 @@ def observations_of(products, observations, names, settings):
     return importlib.import_module(observations).observe(dict(zip(names, products, strict=True)), **settings)
 
 
-def _model(found, tentative=True):
-    outcome = outcome_of(found)
+def _model(searched, tentative=True):
+    outcome = outcome_of(searched)
     findings = outcome.findings if outcome else []
-    if tentative and "believed" in found.attrs:  # of several that describe the record worse, taken out together
+    if tentative and "believed" in searched.attrs:  # of several that describe the record worse, taken out together
         findings = findings[:1]
     return [entry for one in findings if tentative or one.adopted for entry in one.entries]
 

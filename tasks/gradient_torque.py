@@ -52,9 +52,9 @@ def drag(modelled, *, variant, **settings):
 
 
 @stage(reads=["gradient_torque.drag"], writes="gradient_torque.drag", version=2)
-def drag_model_error(found, *moved, added):
+def drag_model_error(solution, *moved, added):
     """Drag with the errors of an extended model."""
-    return estimate.with_model_error(found, *moved, added=added)
+    return estimate.with_model_error(solution, *moved, added=added)
 
 
 @stage(reads=[GRADIENT, f"{DRAG}|gradient_torque.truth"], writes="gradient_torque.combine", version=1)

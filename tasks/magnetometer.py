@@ -27,15 +27,15 @@ def estimate(aligned, **settings):
 
 
 @stage(reads=["magnetometer.estimate"], writes="magnetometer.estimate", version=1)
-def model_error(found, *moved):
+def model_error(estimated, *moved):
     """Estimate with the errors of an extended model."""
-    return named_parameters.with_model_error(found, *moved)
+    return named_parameters.with_model_error(estimated, *moved)
 
 
 @stage(reads=["magnetometer.align", "magnetometer.estimate"], writes="magnetometer.checks", version=2)
-def checks(aligned, found, **settings):
+def checks(aligned, estimated, **settings):
     """Field, attitude and orbit against each other, and parts of the result."""
-    return estimation.check(aligned, found, **settings)
+    return estimation.check(aligned, estimated, **settings)
 
 
 @stage(reads=["file"], writes="magnetometer.theirs", version=2)
@@ -49,9 +49,9 @@ READ = ["magnetometer.align", "magnetometer.estimate", "ingest", "ingest", "magn
 
 
 @stage(reads=READ, writes="magnetometer.beside", version=2)
-def beside(aligned, found, camera, orbit, published, **settings):
+def beside(aligned, estimated, camera, orbit, published, **settings):
     """Calibrated field of others less ours, and the parameters that it implies."""
-    return estimation.compare(aligned, found, camera, orbit, published, **settings)
+    return estimation.compare(aligned, estimated, camera, orbit, published, **settings)
 
 
 REPORTED = [f"magnetometer.{name}" for name in ("estimate", "align", "checks", "beside")]

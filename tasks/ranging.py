@@ -27,9 +27,9 @@ def estimate(rows, **settings):
 
 
 @stage(reads=["kbr_phase_centre.checks", "ranging.estimate"], writes="ranging.checks", version=1)
-def checks(pair, found, **settings):
+def checks(pair, estimated, **settings):
     """What orbits, attitudes and ranging must satisfy against each other, and the blocks."""
-    return model.check(pair, found, **settings)
+    return model.check(pair, estimated, **settings)
 
 
 @stage(reads=["ranging.estimate", "ranging.align", "ranging.checks"], writes="ranging.report", version=1)

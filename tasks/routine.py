@@ -28,9 +28,9 @@ def estimate(aligned, **settings):
 
 
 @stage(reads=["routine.estimate"], writes="routine.checks", version=2)
-def checks(found, **settings):
+def checks(estimated, **settings):
     """Parts of the result."""
-    return science.check(found, **settings)
+    return science.check(estimated, **settings)
 
 
 @stage(reads=["*"], writes="routine.report", version=3)
@@ -46,7 +46,7 @@ OBSERVATIONS = {"accelerometer": "gravcal.calibrations.routine.observations"} | 
 
 
 @stage(reads=["*.discovery"], writes="routine.discovery_report", version=2, also=[*OBSERVATIONS.values()])
-def discovered(*found, parts, missing, event, settings):
+def discovered(*searches, parts, missing, event, settings):
     """Result document and page of the searches of all parts."""
     reported = {part: importlib.import_module(name).REPORT for part, name in OBSERVATIONS.items()}
-    return page.discovered(*found, parts=parts, missing=missing, reported=reported, event=event, settings=settings)
+    return page.discovered(*searches, parts=parts, missing=missing, reported=reported, event=event, settings=settings)

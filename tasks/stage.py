@@ -92,10 +92,10 @@ def stage(*, reads, writes, version, also=()):
     """Decorator that makes a stage of a function; see the top of this module."""
 
     def decorate(body):
-        found = Stage(body, tuple(reads), writes, version, tuple(also))
+        decorated = Stage(body, tuple(reads), writes, version, tuple(also))
         for name in functools.WRAPPER_ASSIGNMENTS:
-            object.__setattr__(found, name, getattr(body, name, None))
-        return found
+            object.__setattr__(decorated, name, getattr(body, name, None))
+        return decorated
 
     return decorate
 
@@ -203,23 +203,23 @@ def call_of(called, items, settings):
     """Call with checked inputs and settings in canonical form."""
     keys.check_inputs(called.name, items, called.reads)
     known = inspect.signature(called.body).parameters
-    given = dict(settings)
-    event = given["event"] if "event" in given else keys.event_of(called.name, items)
+    keywords = dict(settings)
+    event = keywords["event"] if "event" in keywords else keys.event_of(called.name, items)
     files = [f"{item.product}_{item.satellite}" for item in items if keys.is_file(item)]
-    variant = given["variant"] if "variant" in given else files[0] if files and len(items) == 1 else ""
+    variant = keywords["variant"] if "variant" in keywords else files[0] if files and len(items) == 1 else ""
     for name in ("event", "variant"):
-        if name in given and name not in known:
-            del given[name]
+        if name in keywords and name not in known:
+            del keywords[name]
     wanted = {name for name, one in known.items() if one.kind is inspect.Parameter.KEYWORD_ONLY}
     takes_all = any(one.kind is inspect.Parameter.VAR_KEYWORD for one in known.values())
-    missing, unknown = wanted - set(given), set() if takes_all else set(given) - wanted
+    missing, unknown = wanted - set(keywords), set() if takes_all else set(keywords) - wanted
     if missing or unknown:
         raise TypeError(f"{called.name}: settings missing {sorted(missing)}, unknown {sorted(unknown)}")
     if "{" in called.writes:
-        also = tuple(name.format_map(given) for name in called.also)
-        called = Stage(called.body, called.reads, called.writes.format_map(given), called.version, also)
+        also = tuple(name.format_map(keywords) for name in called.also)
+        called = Stage(called.body, called.reads, called.writes.format_map(keywords), called.version, also)
     where = f"{called.writes}, setting"
-    plain = {name: keys.canonical(value, f"{where} {name}") for name, value in given.items()}
+    plain = {name: keys.canonical(value, f"{where} {name}") for name, value in keywords.items()}
     plain = {
         name: keys.typed(value, known[name].annotation if name in known else None, f"{where} {name}")
         for name, value in sorted(plain.items())
@@ -254,8 +254,8 @@ def _make(call, key, wanted, modules):
         "from": [keys.traced(item) for item in call.inputs],
         "versions": keys.versions(),
     }
-    found = _origin(call, contents, wanted.get("origin"), dataset.attrs.get("origin", ""))
-    dataset = product.check(dataset, call.stage.writes).assign_attrs({"origin": found} if found else {})
+    origin = _origin(call, contents, wanted.get("origin"), dataset.attrs.get("origin", ""))
+    dataset = product.check(dataset, call.stage.writes).assign_attrs({"origin": origin} if origin else {})
     if store.find(key) and not usable(key):
         store.set_aside(store.folder_of(key), "made again, for other versions had made it")
     return store.put(key, wanted, (dataset, files), facts)
@@ -267,11 +267,11 @@ def _origin(call, contents, stated, own):
     What the body says may make measured simulated, never the reverse.
     """
     inputs_of = zip(call.inputs, contents, strict=True)
-    found = [
+    origins = [
         (stated or own or archive.origin_of(item)) if keys.is_file(item) else content.attrs.get("origin", "")
         for item, content in inputs_of
     ]
-    return max(product.origins_together(found), own, key=("", *product.ORIGINS).index)
+    return max(product.origins_together(origins), own, key=("", *product.ORIGINS).index)
 
 
 def _of_input(error, call):

@@ -39,15 +39,15 @@ def estimate(aligned, measured, **settings):
 
 
 @stage(reads=["thrusters.estimate"], writes="thrusters.estimate", version=1)
-def model_error(found, *moved):
+def model_error(estimated, *moved):
     """Estimate with the errors of an extended model."""
-    return named_parameters.with_model_error(found, *moved)
+    return named_parameters.with_model_error(estimated, *moved)
 
 
 @stage(reads=["thrusters.align", "thrusters.estimate"], writes="thrusters.checks", version=2)
-def checks(aligned, found, **settings):
+def checks(aligned, estimated, **settings):
     """Attitude, orbit and firings against each other, and parts of the result."""
-    return estimation.check(aligned, found, **settings)
+    return estimation.check(aligned, estimated, **settings)
 
 
 REPORTED = [f"thrusters.{name}" for name in ("estimate", "noise", "align", "checks", "heads")]

@@ -96,9 +96,9 @@ def run(body, source, chosen, engine="prefect", listener=None):
     """
     single_threaded()
     steps, ref = plan(body, source, chosen)
-    told = history.other_versions_said(reason for step in steps if step.action == "reuse" for reason in step.reasons)
-    if told:
-        warn(told)
+    notice = history.other_versions_said(reason for step in steps if step.action == "reuse" for reason in step.reasons)
+    if notice:
+        warn(notice)
     if ref is not None and all(step.action == "reuse" for step in steps):
         engine = "inline"
     planned = [step.stage for step in steps]
@@ -148,11 +148,11 @@ class Planner:
         recipe, modules = stage.recipe(call)
         unknown = [item.stage for item in call.inputs if isinstance(item, ProductRef) and item.digest is None]
         key = None if unknown else keys.key(recipe)
-        found = key and store.find(key)
-        other = tuple(history.other_versions(found)) if found else ()
+        stored = key and store.find(key)
+        other = tuple(history.other_versions(stored)) if stored else ()
         ref = call.unmade
-        if found and not (other and history.remakes_versions()):
-            action, reasons, ref = "reuse", other, found
+        if stored and not (other and history.remakes_versions()):
+            action, reasons, ref = "reuse", other, stored
         else:
             action, reasons = "run", tuple(other or history.why(recipe, modules))
             if unknown and not reasons:
@@ -199,8 +199,8 @@ def _make(key, original, stages, done):
     try:
         body = getattr(importlib.import_module(module), name)
     except (ImportError, AttributeError) as error:
-        found, remedy = f"no stage {record['stage']} ({error})", f"Install gravcal {record['versions']['gravcal']}."
-        refuse(recipe["kind"], found, "the stage that made it", remedy, stage=record["stage"])
+        missing, remedy = f"no stage {record['stage']} ({error})", f"Install gravcal {record['versions']['gravcal']}."
+        refuse(recipe["kind"], missing, "the stage that made it", remedy, stage=record["stage"])
     made = done[key] = body(*items, **settings)
     anew = store.read_record(made.folder)
     changed, version = history.changed(record, anew), anew["recipe"]["version"]
@@ -219,10 +219,10 @@ def _raw_file(part, label):
         refuse(where, "that the raw file is not there any more", "it", "Put it back to make the product again.")
     names = ("product", "satellite", "date", "release")
     file = archive.LevelOneFile(path, part["member"], *(label[name] for name in names))
-    found = keys.labelled(file)["digest"]
-    if found != label["digest"]:
+    digest = keys.labelled(file)["digest"]
+    if digest != label["digest"]:
         remedy = "The raw file changed; run its event again."
-        refuse(where, f"SHA-256 {found[:12]}", f"{label['digest'][:12]}, from which the product was made", remedy)
+        refuse(where, f"SHA-256 {digest[:12]}", f"{label['digest'][:12]}, from which the product was made", remedy)
     return file
 
 
