@@ -34,11 +34,11 @@ def observed(source, chosen, search=None, variant=None):
 
     With what a search has found those without it, of a variant.
     """
-    products, files = _solved(source, chosen, widened=False, found=search and {"found": search, "variant": variant})
+    products, files = _solved(source, chosen, widened=False, search=search and {"product": search, "variant": variant})
     return {name: one for name, one in products.items() if name != "detect" or not files}
 
 
-def _solved(source, chosen, *, widened, found=None):
+def _solved(source, chosen, *, widened, search=None):
     """Products by name, those of a model or without what was found if it is given, and the files they were made of."""
     days, event = daily.days(source.folder, source.date), source.event
     products, files = {"detect": _detected(days, source, chosen)}, []
@@ -46,12 +46,12 @@ def _solved(source, chosen, *, widened, found=None):
     if detected["swing_start"].size:
         files += _files(days, detected["swing_start"][0], detected["swing_stop"][0], chosen.margin_s)
         aligned = inertial_sensor.align(products["detect"], *files, event=event, **chosen.for_stage("align"))
-        products |= _without_model(source, chosen, _swing, aligned, {}, (widened, found))
+        products |= _without_model(source, chosen, _swing, aligned, {}, (widened, search))
     if detected["roll_start"].size:
         own = _files(days, detected["roll_start"][0], detected["roll_stop"][-1], 0.0)
         segmented = inertial_sensor.segment(products["detect"], *own, event=event, **chosen.for_stage("segment"))
         known = {name: products[name] for name in ("scale", "offset") if name in products}
-        products |= _without_model(source, chosen, _roll, segmented, known, (widened, found))
+        products |= _without_model(source, chosen, _roll, segmented, known, (widened, search))
         files += own
     return products, files
 
@@ -77,7 +77,7 @@ def _without_model(source, chosen, solve, records, known, how):
         parts = products | known
         about = {"observations": DISCOVERY.observations, "settings": views(None, chosen), "tentative": True}
         about |= {"records": records.kind, "names": list(parts), "variant": search["variant"], "event": records.event}
-        return solve(chosen, discovery.extend_by(search["found"], *parts.values(), **about), known)
+        return solve(chosen, discovery.extend_by(search["product"], *parts.values(), **about), known)
     one = lambda moved: solve(chosen, moved, known)  # noqa: E731
     without, moved = DISCOVERY.taken_out(source, chosen, records, one, products | known, alone=not widened)
     if without is records:  # no model, or none of this day
