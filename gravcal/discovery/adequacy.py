@@ -91,7 +91,7 @@ def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Proble
     """
     from scipy.stats import norm
 
-    baseline, blocks, found = baseline_of(problem, ()), list(problem.blocks), []
+    baseline, blocks, outliers = baseline_of(problem, ()), list(problem.blocks), []
     rest = residuals_of(problem, baseline, observed_rows(problem))
     limit = -norm.ppf(CHANCE / (2 * sum(r.shape[0] for r in rest)))
     for k, (block, values) in enumerate(zip(problem.blocks, rest, strict=True)):
@@ -106,12 +106,12 @@ def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Proble
                     continue
                 rows += group.tolist()
                 where = block.label, channel, "xyz"[axis]
-                found.append(Outlier(*where, float(block.time[worst]), float(values[worst, 0])))
+                outliers.append(Outlier(*where, float(block.time[worst]), float(values[worst, 0])))
         if rows:
             own = np.zeros((block.observed.size, len(rows)))
             own[rows, np.arange(len(rows))] = 1.0
             blocks[k] = replace(block, local_columns=np.concatenate([block.local_columns, own], axis=1))
-    return (prepare(blocks, problem.candidates) if found else problem), found
+    return (prepare(blocks, problem.candidates) if outliers else problem), outliers
 
 
 def _alone(values, limit, width):

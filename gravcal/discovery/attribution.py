@@ -125,8 +125,8 @@ def _foretold(one, others, index, size):
     b / (1 - m) and p, with the variances 1 / (1 - m) and 1 / m.
     """
     share, directions = _shares(one, others, index, size)
-    seen = (share > UNSEEN_SHARE) & (share < 1 - 1e-9)
-    m, directions = share[seen], directions[:, seen]
+    common = (share > UNSEEN_SHARE) & (share < 1 - 1e-9)
+    m, directions = share[common], directions[:, common]
     b, p = directions.T @ one[index, 0], directions.T @ others[index, 0] / m
     return float(np.sum((b**2 - m * (b - (1 - m) * p) ** 2) / (1 - m) + np.log(m)))
 
@@ -170,9 +170,9 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
         if not candidate.listed or "alone" in candidate.form or candidate.local or not candidate.prior:
             continue
         prior = np.asarray(candidate.prior)
-        whole, seen = (matrix[place, place] * np.outer(prior, prior) for matrix in (total, gram))
+        whole, remaining = (matrix[place, place] * np.outer(prior, prior) for matrix in (total, gram))
         shift = (inverse @ total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
-        values, vectors = np.linalg.eigh(seen)
+        values, vectors = np.linalg.eigh(remaining)
         for value, vector in zip(values, vectors.T, strict=True):
             bias = shift @ vector
             left = value if value > ROUNDING * (vector @ whole @ vector) else 0.0

@@ -50,13 +50,13 @@ def flown(observed: Observations, information, times: Sequence, items: Sequence[
     candidates = _candidates(observed, causes)
     problem = prepare(observed.blocks, candidates)
     middles = [float(np.mean(block.time)) for block in observed.blocks[: len(information)]]
-    found = [
+    pairs = [
         (k, item)
         for k, middle in enumerate(middles)
         for item, (begin, end) in zip(items, times, strict=True)
         if begin <= middle <= end
     ]
-    used, numbers = np.array(found, dtype=int).reshape(-1, 2).T
+    used, numbers = np.array(pairs, dtype=int).reshape(-1, 2).T
     width = len(observed.parameters)
     wide = 1 + observed.blocks[0].global_columns.shape[1]
     kept = np.concatenate([np.arange(1, 1 + width), np.arange(wide, problem.gram.shape[1])])
@@ -151,7 +151,7 @@ def judged(flight: Flown, counts: np.ndarray, pairs: Sequence[tuple[str, str]] =
 
 def short(apart: Mapping, chi2: float) -> float:
     """How much a design is to be blamed for pairs of causes that do not reach an expected chi-square."""
-    return INSISTENCE * sum(max(np.log(chi2 / max(found, 1e-6)), 0.0) for found in apart.values())
+    return INSISTENCE * sum(max(np.log(chi2 / max(expected, 1e-6)), 0.0) for expected in apart.values())
 
 
 def chosen(flight: Flown, count: int, allowed: np.ndarray, pairs=(), chi2: float = 0.0, fits=None) -> np.ndarray:

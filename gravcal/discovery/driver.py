@@ -75,12 +75,12 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     gains = [(one.cause, one.heldout_gain.in_sample_chi2) for one in before.findings] if before else []
     if observed is None or not observed.worth_another(gains, before is None or before.adequate_after):
         return first
-    result, found = _searched(observed, limits, model, before.calibration_change.before)
-    if not found.adequate_after and found.p_after < before.p_after:
+    result, second_outcome = _searched(observed, limits, model, before.calibration_change.before)
+    if not second_outcome.adequate_after and second_outcome.p_after < before.p_after:
         return first.assign_attrs(believed="first")
     known = {"p_before": before.p_before, "p_quiet_before": before.p_quiet_before, "tried": before.tried}
-    found = replace(found, adequate_before=before.adequate_before, **known)
-    return _product(observed, limits, result, found).assign_attrs(rebuilt="yes")
+    second_outcome = replace(second_outcome, adequate_before=before.adequate_before, **known)
+    return _product(observed, limits, result, second_outcome).assign_attrs(rebuilt="yes")
 
 
 def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
@@ -99,14 +99,14 @@ def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
         )
 
 
-def with_limits(found: xr.Dataset, observed: Observations | None, limits: Limits, say: Callable):
+def with_limits(search: xr.Dataset, observed: Observations | None, limits: Limits, say: Callable):
     """Product of a search, with the detection limits of its event among its numbers; `say` is told how far it is."""
     if observed is None:
-        return found
-    left = np.column_stack([found["residual_after"].values, found["found_columns"].values])
+        return search
+    left = np.column_stack([search["residual_after"].values, search["found_columns"].values])
     left = np.split(left, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
     rows = detection_limits(observed, left, _choice(observed, limits), say)
-    return tabled(found, replace(outcome.outcome_of(found), limits=tuple(rows)))
+    return tabled(search, replace(outcome.outcome_of(search), limits=tuple(rows)))
 
 
 def _choice(observed, limits):
@@ -129,19 +129,19 @@ def _searched(observed, limits, model, before=None):
         shared = np.append(np.array(before) / observed.scale - observed.start, result.shared[0][count:])
         whole = replace(result, shared=(shared, result.shared[1]))
     averaged = delivered(whole, choice, count)
-    found, weighed = summary(averaged, choice, observed, waves), observed.weighed()
+    search_outcome, weighed = summary(averaged, choice, observed, waves), observed.weighed()
     odds = {row.cause: row.log_odds for row in weighed}
-    findings = [*(_tied(one, odds) for one in found.findings[:1]), *found.findings[1:]]
+    findings = [*(_tied(one, odds) for one in search_outcome.findings[:1]), *search_outcome.findings[1:]]
     calibrated = observed.scale * (observed.start + _without_model(result, observed, findings))
     if before is not None and not any(one.adopted for one in findings):
         calibrated = np.array(before)  # of the records as they are
-    correction = (np.array(found.calibration_change.after) - calibrated).tolist()
-    change = replace(found.calibration_change, epoch=observed.epoch, correction=correction)
+    correction = (np.array(search_outcome.calibration_change.after) - calibrated).tolist()
+    change = replace(search_outcome.calibration_change, epoch=observed.epoch, correction=correction)
     named = {one.cause for one in findings}
     hidden = [one for one in _beside(result.problem, observed, count) if one.cause not in named]
-    hidden = [*found.indistinguishable_from_calibration, *hidden]
+    hidden = [*search_outcome.indistinguishable_from_calibration, *hidden]
     made = {"findings": findings, "weighed": tuple(weighed), "indistinguishable_from_calibration": hidden}
-    return result, replace(found, calibration_change=change, **made)
+    return result, replace(search_outcome, calibration_change=change, **made)
 
 
 def _tied(finding, odds):
@@ -181,18 +181,18 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     state = begun(rows, observed.candidates, choice, random_source(seed, rows))
     result = concluded(state, replace(choice, excess=False))
     each = replace(choice, level=choice.level / max(len(observed.lines), 1))
-    found = [line for one in observed.lines for line in joint_lines(result, observed, one, each)]
+    lines = [line for one in observed.lines for line in joint_lines(result, observed, one, each)]
     if result.findings:
         unnamed = replace(result, after=result.before, baseline=baseline_of(result.problem, ()))
         stronger = [joint_lines(unnamed, observed, one, each, result.first[0].score) for one in observed.lines]
-        found += [line for some in stronger for line in some if line.form not in {one.form for one in found}]
+        lines += [line for some in stronger for line in some if line.form not in {one.form for one in lines}]
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
-    if found or steps or result.after.excess_p < choice.excess_level:
+    if lines or steps or result.after.excess_p < choice.excess_level:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
-        if more := [*near, *found]:
+        if more := [*near, *lines]:
             state = begun(rows, [*observed.candidates, *more], choice, random_source(seed, rows), result.before)
         result = concluded(state, choice)
-    return result, {one.form for one in found}
+    return result, {one.form for one in lines}
 
 
 def _fitted(result, position):
@@ -249,16 +249,16 @@ def _beside(problem: Problem, observed: Observations, count: int) -> list[Unobse
     gram, rows = attribution.projected(problem.total, baseline_of(problem, ())), []
     alone = [(c, place.start) for c, place in zip(problem.candidates, problem.places, strict=True)]
     for one in observed.biased():
-        known = (found for found in alone if [found[0].cause, *found[0].names] == [one.cause, *one.direction])
+        known = (pair for pair in alone if [pair[0].cause, *pair[0].names] == [one.cause, *one.direction])
         candidate, k = next(known, (None, 0))
-        seen = candidate and gram[k, k] > ROUNDING * problem.total[k, k]
-        ratio = float(candidate.prior[0] * np.sqrt(gram[k, k])) if seen else 0.0
+        observable = candidate and gram[k, k] > ROUNDING * problem.total[k, k]
+        ratio = float(candidate.prior[0] * np.sqrt(gram[k, k])) if observable else 0.0
         if ratio < UNSEEN and one.bias_in_sigma > BIASED:
             rows.append(replace(one, signal_to_noise=ratio, bias=[0.0] * count))
     return rows
 
 
-def _product(observed, limits, result, found):
+def _product(observed, limits, result, search_outcome):
     """Product of a search, with the reading that each finding helps most and the columns of what was found."""
     without, rows = [], observed_rows(result.problem)
     for one in result.findings:
@@ -272,8 +272,8 @@ def _product(observed, limits, result, found):
     places = clearest(result, channels, limits.level, without, acts)
     shown = variables(result, places, observed.reading, without, observed.contiguous)
     shown["found_columns"] = np.concatenate(columns)
-    found = replace(found, readings=outcome.Readings(places, [*observed.periods]))
-    return dataset(result, found, observed.channels, shown)
+    search_outcome = replace(search_outcome, readings=outcome.Readings(places, [*observed.periods]))
+    return dataset(result, search_outcome, observed.channels, shown)
 
 
 #: Frequencies tried round a peak, in quarters of what the longest record tells apart; how much more than at the first
@@ -289,11 +289,11 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
     """
     groups, wave = observed.groups, observed.wave(search)
     shape = lambda hertz: side_by_side([wave(k, hertz) for k in range(len(groups))], groups)  # noqa: E731
-    found = next((s for s in result.after.scans if s.kind == "line" and s.channel == search.channel), None)
-    if found is None:
+    spectrum = next((s for s in result.after.scans if s.kind == "line" and s.channel == search.channel), None)
+    if spectrum is None:
         return []
-    joint = np.flatnonzero((found.place == search.axis) & offered(found, choice.periods))
-    at, score = found.at[joint], (found.gain[:, 0] - 2 * found.dof)[joint]
+    joint = np.flatnonzero((spectrum.place == search.axis) & offered(spectrum, choice.periods))
+    at, score = spectrum.at[joint], (spectrum.gain[:, 0] - 2 * spectrum.dof)[joint]
     step, kept, around = float(np.median(np.diff(at))), [], np.pad(score, 1, constant_values=-np.inf)
     tops = np.flatnonzero((score > around[:-2]) & (score > around[2:]))  # a slow line has few cycles, others beside it
     times = [block.time[block.channel == search.channel] for block in observed.blocks]
@@ -350,7 +350,7 @@ def _dataset(values, **attrs):
     return xr.Dataset(made, attrs={"time_scale": "GPS"} | attrs)
 
 
-def dataset(result: Result, found: outcome.Outcome, channels: Sequence[str], reading: Mapping) -> xr.Dataset:
+def dataset(result: Result, search_outcome: outcome.Outcome, channels: Sequence[str], reading: Mapping) -> xr.Dataset:
     """Product of a search: residuals, adequacy, its outcome, readings of `variables`."""
     blocks, before, after = result.problem.blocks, result.before, result.after
     rows = before.rows
@@ -373,7 +373,7 @@ def dataset(result: Result, found: outcome.Outcome, channels: Sequence[str], rea
         "p_band_before": [r.p for r in rows],
         "p_band_after": [r.p for r in after.rows],
     }
-    return tabled(_dataset(values | reading, channels=" ".join(names), blocks=", ".join(labels)), found)
+    return tabled(_dataset(values | reading, channels=" ".join(names), blocks=", ".join(labels)), search_outcome)
 
 
 def summary(result: Result, choice: Choice, observed: Observations, waves=()) -> outcome.Outcome:
@@ -395,22 +395,22 @@ def summary(result: Result, choice: Choice, observed: Observations, waves=()) ->
 
 
 def _named(result: Result, position: int, choice: Choice, observed, waves) -> outcome.NamedCause:
-    found, (told, model) = result.findings[position], _entries(result, position, observed, waves)
-    tied = dict.fromkeys(map(slug_of, [*found.tied, *(one.cause for one in found.imitators)]))
-    apart = {slug_of(one.cause): replace(one, cause=slug_of(one.cause)) for one in found.separation}
-    entry = told.cause, told.form, told.parameters, model.waves or told.waves, model.leads or told.leads
+    finding, (report, model) = result.findings[position], _entries(result, position, observed, waves)
+    tied = dict.fromkeys(map(slug_of, [*finding.tied, *(one.cause for one in finding.imitators)]))
+    apart = {slug_of(one.cause): replace(one, cause=slug_of(one.cause)) for one in finding.separation}
+    entry = report.cause, report.form, report.parameters, model.waves or report.waves, model.leads or report.leads
     return outcome.NamedCause(
         *entry,
-        tied_with=[one for one in tied if one != told.cause],
+        tied_with=[one for one in tied if one != report.cause],
         adopted=result.adopted[position] if result.adopted else True,
-        in_catalogue=told.listed,
+        in_catalogue=report.listed,
         model=model.parameters,
-        significance=found.significance,
+        significance=finding.significance,
         level=choice.level,
-        heldout=found.kind if observed.whole_manoeuvres or found.cause == EXCESS else "blocks",
-        heldout_gain=outcome.HeldoutGain(found.heldout, found.gain, found.dof),
-        separation=[one for name, one in apart.items() if name != told.cause],
-        imitators=found.imitators,
+        heldout=finding.kind if observed.whole_manoeuvres or finding.cause == EXCESS else "blocks",
+        heldout_gain=outcome.HeldoutGain(finding.heldout, finding.gain, finding.dof),
+        separation=[one for name, one in apart.items() if name != report.cause],
+        imitators=finding.imitators,
     )
 
 
@@ -446,12 +446,12 @@ def _gained(result):
 
 def _rms(blocks, rest):
     """Rms of the whitened residual of each channel over the rows that carry weight; one is the noise."""
-    found = {}
+    rms = {}
     for channel in dict.fromkeys(str(c) for b in blocks for c in b.channel):
         values = np.concatenate([r[b.channel == channel] for b, r in zip(blocks, rest, strict=True)])
         values = values[values != 0]
-        found[channel] = float(np.sqrt(np.mean(values**2))) if values.size else np.nan
-    return found
+        rms[channel] = float(np.sqrt(np.mean(values**2))) if values.size else np.nan
+    return rms
 
 
 #: Rows of a channel and block below which they are no curve.
@@ -469,7 +469,7 @@ def clearest(
     says whether it acts there. Where nothing was named and the baseline is not adequate, the place of the least likely
     band.
     """
-    found = []
+    places = []
     for number, rest in enumerate(without):
         drops = {}
         for k, block in enumerate(result.problem.blocks):
@@ -480,9 +480,9 @@ def clearest(
                 drops[size.sum(), channel, k] = int(size.argmax())
         gain, channel, k = max(drops, default=(0.0, "", 0))
         place = outcome.Shown(number, channel, result.problem.blocks[k].label, drops.get((gain, channel, k), 0))
-        found += [place] if gain >= CLEAR else []
+        places += [place] if gain >= CLEAR else []
     if without or result.before.p >= level:
-        return found
+        return places
     labels = {b.label: k for k, b in enumerate(result.problem.blocks)}
     for row in sorted(result.before.rows, key=lambda r: r.p):
         k = labels[row.block]

@@ -95,9 +95,9 @@ def fuel(masses: Sequence[xr.Dataset], time: float) -> dict[str, float]:
     """Gas kg of both tanks, and of the first less the second, of MAS1B at a time; {} where it is not told."""
     for one in masses:
         tanks = [one[name].values for name in ("gas_mass_tnk1", "gas_mass_tnk2") if name in one]
-        told = np.all(np.isfinite(tanks), axis=0) if len(tanks) == 2 else np.zeros(1, dtype=bool)
-        if told.any():
-            first, second = (float(np.interp(time, one["time_tag"].values[told], tank[told])) for tank in tanks)
+        valid = np.all(np.isfinite(tanks), axis=0) if len(tanks) == 2 else np.zeros(1, dtype=bool)
+        if valid.any():
+            first, second = (float(np.interp(time, one["time_tag"].values[valid], tank[valid])) for tank in tanks)
             return {"fuel_kg": first + second, "fuel_difference_kg": first - second}
     return {}
 
@@ -121,7 +121,7 @@ def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Even
     if len(read) < 2:
         refuse("joint search", f"{len(read)} events with manoeuvres", "two at least", "Name more events.")
     shared = set.intersection(*({(slug, form, *names) for slug, form, names, *_ in one["causes"]} for one, *_ in read))
-    found = []
+    events = []
     for numbers, product, name in read:
         place, index, causes = 1 + len(numbers["start"]), [*range(1 + len(numbers["start"]))], []
         for slug, form, names, units, prior, alike in numbers["causes"]:
@@ -133,8 +133,8 @@ def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Even
         start, gram = np.array(numbers["start"]), product["gram"].values[np.ix_(order, order)]
         size = product["size"].values[order]
         of_result = (numbers[word] for word in ("measured", "parameters", "unit", "scale", "common"))
-        found.append(Event(name, numbers["time"], start, gram, size, causes, *of_result))
-    first = found[0].causes
-    if any([(c.slug, c.form) for c in one.causes] != [(c.slug, c.form) for c in first] for one in found):
+        events.append(Event(name, numbers["time"], start, gram, size, causes, *of_result))
+    first = events[0].causes
+    if any([(c.slug, c.form) for c in one.causes] != [(c.slug, c.form) for c in first] for one in events):
         refuse("joint search", "causes in different orders", "one order", "Make the evidence of all events again.")
-    return found
+    return events

@@ -105,8 +105,8 @@ class Search:
         self.places = [np.arange(a, b) for a, b in itertools.pairwise(ends)]
         self.kept = np.r_[0, np.arange(1 + self.count, events[0].gram.shape[0])]
         self.slugs = [one.slug for one in self.causes]
-        told = set.intersection(*(set(one.measured) for one in events)) if len(events) > 3 else ()
-        self.followed = [name for name in sorted(told) if np.ptp([one.measured[name] for one in events]) > 0]
+        quantities = set.intersection(*(set(one.measured) for one in events)) if len(events) > 3 else ()
+        self.followed = [name for name in sorted(quantities) if np.ptp([one.measured[name] for one in events]) > 0]
         self.not_followed = [name for name in QUANTITIES if name not in self.followed]
         count = len(events)  # at most so many contradict the others; where more do, the cause differs in each
         self.strange = max(1, min(count // 4, max(10, count // 10)))
@@ -141,21 +141,21 @@ class Search:
         """Laws that a cause may follow."""
         count, names = len(self.events), [one.name for one in self.events]
         forms = -2 * np.log(self.slugs.count(self.slugs[cause]))
-        found = [self.constant(cause)]
+        laws = [self.constant(cause)]
         if count > 3:
             cuts = -2 * np.log(count - 1)
-            found += [self.ranges(cause, (k,), cuts) for k in range(2, count - 1)]
+            laws += [self.ranges(cause, (k,), cuts) for k in range(2, count - 1)]
         eye = np.eye(count)
-        found += [Law(cause, "event", eye[:, k : k + 1], [names[k]], -2 * np.log(count)) for k in range(count)]
-        found += [self.apart(found[0], k) for k in range(count) if count > 3]
+        laws += [Law(cause, "event", eye[:, k : k + 1], [names[k]], -2 * np.log(count)) for k in range(count)]
+        laws += [self.apart(laws[0], k) for k in range(count) if count > 3]
         for name in self.followed:
             values = np.array([one.measured[name] for one in self.events])
             centred = (values - values.mean()) / values.std()
             labels = [f"at {name} {values.mean():.6g}", f"per {values.std():.6g} of {name}"]
             weights = np.column_stack([np.ones(count), centred])
-            found.append(Law(cause, name, weights, labels, -2 * np.log(len(self.followed))))
-        found.append(Law(cause, "each", np.zeros((count, 0)), []))
-        return [replace(law, odds=law.odds + forms) for law in found]
+            laws.append(Law(cause, name, weights, labels, -2 * np.log(len(self.followed))))
+        laws.append(Law(cause, "each", np.zeros((count, 0)), []))
+        return [replace(law, odds=law.odds + forms) for law in laws]
 
     def ranges(self, cause: int, cuts: Sequence[int], odds: float) -> Law:
         """Law with one value in each range of events; cuts are the first events of ranges."""
@@ -196,7 +196,7 @@ class Search:
 
     def judged(self, laws: Sequence[Law], beside: Sequence[Law]) -> list[tuple]:
         """(gain, independent parameters, score, likeliest size over its prior, law) of laws of one cause."""
-        cause, found = laws[0].cause, {}
+        cause, judgements = laws[0].cause, {}
         beside = self.beside(beside, cause)
         grams, place = self._less_shared(cause, beside), self.places[cause]
         index, weight, _ = self.columns(beside)
@@ -214,8 +214,8 @@ class Search:
             for k, gain, dof, score in zip(alike, *rows, strict=True):
                 score = score + 2 * np.log(ODDS)  # over all common sizes, and the most likely of these
                 evidence = float(2 * np.logaddexp.reduce(score / 2) + laws[k].odds)
-                found[k] = float(gain), int(dof), evidence, float(SIZES[np.argmax(score)]), laws[k]
-        return [found[k] for k in range(len(laws))]
+                judgements[k] = float(gain), int(dof), evidence, float(SIZES[np.argmax(score)]), laws[k]
+        return [judgements[k] for k in range(len(laws))]
 
     @staticmethod
     def _judged(weights, prior, frame):
@@ -232,14 +232,14 @@ class Search:
         size = np.sqrt(np.einsum("lnm,nq->lmq", weights**2, own)).reshape(count, width)
         size = np.where(size > 0, size, 1.0)
         known, vectors = np.linalg.eigh(gram / (size[:, :, None] * size[:, None, :]))
-        seen, part = known > attribution.SEEN**2, np.einsum("lab,la->lb", vectors, rest / size)
-        gain = np.sum(np.where(seen, part**2 / np.where(seen, known, 1.0), 0.0), axis=1)
+        observable, part = known > attribution.SEEN**2, np.einsum("lab,la->lb", vectors, rest / size)
+        gain = np.sum(np.where(observable, part**2 / np.where(observable, known, 1.0), 0.0), axis=1)
         prior = np.tile(prior, many)
         known, vectors = np.linalg.eigh(gram * np.outer(prior, prior))
         known, part = np.maximum(known, 0.0)[:, None], np.einsum("lab,la->lb", vectors, prior * rest)[:, None]
         square = SIZES[:, None] ** 2
         more = 1 + square * known
-        return gain, seen.sum(axis=1), np.sum(square * part**2 / more - np.log(more), axis=2)
+        return gain, observable.sum(axis=1), np.sum(square * part**2 / more - np.log(more), axis=2)
 
     def _less_shared(self, cause, beside):
         """Products less so much of a cause in the observed rows as an error that all events share may be."""
@@ -258,19 +258,19 @@ class Search:
         """The same of a cause that is different in each event, its parameters projected out there."""
         place, prior = self.places[cause], self.causes[cause].prior
         made = self.products([*beside, self.constant(cause)], self._less_shared(cause, beside))[0]
-        last, seen = np.arange(made.shape[1] - place.size, made.shape[1]), []
+        last, parts = np.arange(made.shape[1] - place.size, made.shape[1]), []
         for one, whole, event in zip(made, self.grams, self.events, strict=True):
-            seen.append(attribution.spread(whole, place, event.size[self.kept]) @ one[last])
+            parts.append(attribution.spread(whole, place, event.size[self.kept]) @ one[last])
 
         def left(grams):
             total = grams.sum(axis=0)[: last[0], : last[0]]
             return float(attribution.projected(total, np.arange(1, last[0]))[0, 0])
 
-        chi2, rest = left(made), left(np.stack([one - r.T @ r for one, r in zip(made, seen, strict=True)]))
+        chi2, rest = left(made), left(np.stack([one - r.T @ r for one, r in zip(made, parts, strict=True)]))
         inner = made[:, last[:, None], last] * np.outer(prior, prior)
         price = np.log1p(np.multiply.outer(SIZES**2, np.maximum(np.linalg.eigvalsh(inner), 0.0))).sum(axis=(1, 2))
         score = chi2 - np.array([left(_taken(made, last, size * prior)) for size in SIZES]) - price
-        return chi2 - rest, sum(map(len, seen)), score
+        return chi2 - rest, sum(map(len, parts)), score
 
     def best(self, cause: int, beside: Sequence[Law]) -> list[tuple]:
         """What `judged` says of all laws of a cause; epochs are split and events set apart while that pays."""
@@ -279,11 +279,11 @@ class Search:
         for more, grows in ways:
             last = max((r for r in rows if grows(r[4])), default=None, key=lambda r: r[2])
             while last and (options := more(last[4], beside)):
-                found = max(self.judged(options, beside), key=lambda r: r[2])
-                if found[2] <= last[2] + self.tie:
+                row = max(self.judged(options, beside), key=lambda r: r[2])
+                if row[2] <= last[2] + self.tie:
                     break
-                rows.append(found)
-                last = found
+                rows.append(row)
+                last = row
         return rows
 
     def _split(self, law: Law, _) -> list[Law]:
@@ -295,9 +295,9 @@ class Search:
 
     def _parted(self, law: Law, beside: Sequence[Law]) -> list[Law]:
         """The law with values of its own for one more event, of those that the others foretell worst."""
-        found = self.foretold([*beside, self.plain(law)], _alone(law))
-        found = sorted((row[2], k) for k, row in enumerate(found) if self.events[k].name not in _alone(law))
-        return [self.apart(law, k) for _, k in found[:PARTED]] * (len(_alone(law)) < self.strange)
+        misfits = self.foretold([*beside, self.plain(law)], _alone(law))
+        ranked = sorted((row[2], k) for k, row in enumerate(misfits) if self.events[k].name not in _alone(law))
+        return [self.apart(law, k) for _, k in ranked[:PARTED]] * (len(_alone(law)) < self.strange)
 
     def run(self) -> Result:
         """Rounds: the best significant law of any cause, until there is none; then ties and offsets."""
@@ -341,7 +341,7 @@ class Search:
                 shared, named = others, [row for row in named if row[0].cause != law.cause]
         every = self.beside(shared)
         value, covariance = self._values(every, [*scales, *[np.inf] * (len(every) - len(shared))])
-        ends, found = np.cumsum([0, *(law.weights.shape[1] * self.places[law.cause].size for law in shared)]), []
+        ends, findings = np.cumsum([0, *(law.weights.shape[1] * self.places[law.cause].size for law in shared)]), []
         order = {law.cause: k for k, law in enumerate(shared)}
         for law, _size in named:
             k = order.get(law.cause)
@@ -356,12 +356,12 @@ class Search:
             size, error = value[part].reshape(shape), np.sqrt(np.diag(covariance)[part]).reshape(shape)
             apart = self._apart(law.cause, others, [row for row in named if row[0].cause != law.cause])
             one = Named(mine, gain, dof, chance[law.cause][0], score, held, size, error, apart=apart)
-            found.append(replace(one, ties=self._ties(one, others)) if k is not None else one)
+            findings.append(replace(one, ties=self._ties(one, others)) if k is not None else one)
         offset, spread = self._offsets(every, value, covariance, named)
         covariance = covariance[: ends[-1], : ends[-1]]
         alone = self._offsets([], np.zeros(0), np.zeros((0, 0)), ())
         error = np.sqrt(np.einsum("ipip->ip", alone[1]))
-        return Result(found, covariance, offset, spread, np.stack([alone[0], error], axis=2), contradicting, tried)
+        return Result(findings, covariance, offset, spread, np.stack([alone[0], error], axis=2), contradicting, tried)
 
     def _values(self, laws, scales):
         """Values (r,) of the laws with their covariance, held by so many times their priors; with errors all share."""
@@ -391,18 +391,18 @@ class Search:
         for one, shown in zip(made, values, strict=True):
             rest = one.copy()
             rest[:, 0] -= one[:, held] @ value[: held.size]
-            found = attribution.ratio(rest, last, size)
-            sigma = np.sqrt(np.diag(found.covariance))
-            shown[found.determined] = np.stack([found.value, sigma], axis=1)[found.determined]
-            away = found.value - value[held.size :]
-            seen = attribution.spread(one, last, size) @ one[last, last] @ away
-            gain, dof = gain + float(seen @ seen), dof + found.dof
+            ratio = attribution.ratio(rest, last, size)
+            sigma = np.sqrt(np.diag(ratio.covariance))
+            shown[ratio.determined] = np.stack([ratio.value, sigma], axis=1)[ratio.determined]
+            away = ratio.value - value[held.size :]
+            deviation = attribution.spread(one, last, size) @ one[last, last] @ away
+            gain, dof = gain + float(deviation @ deviation), dof + ratio.dof
         return values, gain, max(dof - attribution.ratio(total, last, size).dof, 0)
 
     def foretold(self, laws: Sequence[Law], out: Sequence[str] = ()) -> list[tuple[float, int, float]]:
         """(chi2, dof, log p) of what each event says of the values, against what the others foretell, some left out."""
         made, prior, size = self.products(laws)
-        count, found, width = [one.name not in out for one in self.events], [], 1e2 * prior[1:]
+        count, misfits, width = [one.name not in out for one in self.events], [], 1e2 * prior[1:]
         total = made[count].sum(axis=0)
         for one, counts in zip(made, count, strict=True):
             own, rest = one[1:, 1:], total - one * counts
@@ -411,8 +411,8 @@ class Search:
             spread = own + own @ inverse @ own
             root = root_of(spread, lambda values: 1e-8 * max(values.max(initial=0.0), 1e-300), size[1:])
             chi2, dof = float(np.sum((root.T @ away) ** 2)), root.shape[1]
-            found.append((chi2, dof, float(chi2_tail.log_tail(chi2, max(dof, 1)))))
-        return found
+            misfits.append((chi2, dof, float(chi2_tail.log_tail(chi2, max(dof, 1)))))
+        return misfits
 
     def _contradictions(self, laws):
         """Laws in which an event that the others do not foretell has values of its own, and these events."""
@@ -442,7 +442,7 @@ class Search:
 
     def _ties(self, one: Named, others):
         """Other causes beside one that was named, each in its form most like it, see `Named`."""
-        found, known = [], {self.slugs[law.cause] for law in (*others, one.law) if law.scope != SHARED}
+        ties, known = [], {self.slugs[law.cause] for law in (*others, one.law) if law.scope != SHARED}
         for k, cause in enumerate(self.causes):
             if cause.slug in known:
                 continue
@@ -458,9 +458,9 @@ class Search:
             single = [attribution.misfit(b, mine, one.value.ravel(), theirs, size) for b in both]
             share = self._share(both, np.arange(1, first), mine, theirs)
             decides, tied = self.events[int(np.argmax(share))].name, bool(expected < self.tie or observed < self.tie)
-            found.append(Tie(cause.slug, max(expected, 0.0), float(observed), float(max(single)), decides, tied))
-        found.sort(key=lambda row: min(row.expected_chi2, row.observed), reverse=True)
-        return sorted({row.cause: row for row in found}.values(), key=lambda row: row.expected_chi2)
+            ties.append(Tie(cause.slug, max(expected, 0.0), float(observed), float(max(single)), decides, tied))
+        ties.sort(key=lambda row: min(row.expected_chi2, row.observed), reverse=True)
+        return sorted({row.cause: row for row in ties}.values(), key=lambda row: row.expected_chi2)
 
     @staticmethod
     def _share(both, baseline, mine, theirs):

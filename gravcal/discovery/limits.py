@@ -40,7 +40,7 @@ def detection_limits(observed: Observations, left: list, choice: Choice, say: Ca
         wider, own = np.column_stack([block.global_columns, part[:, 1:]]), np.column_stack([block.local_columns, own])
         blocks.append(replace(block, observed=part[:, 0], global_columns=wider, local_columns=own))
     problem, tails = _along(prepare(blocks, observed.candidates), choice, rng)
-    scored, groups, found = _Scored(problem, choice, tails), {}, []
+    scored, groups, limits = _Scored(problem, choice, tails), {}, []
     for k, candidate in enumerate(problem.candidates):
         if candidate.listed and "alone" not in candidate.form:
             groups.setdefault(slug_of(candidate.cause), []).append(k)
@@ -54,8 +54,8 @@ def detection_limits(observed: Observations, left: list, choice: Choice, say: Ca
             rows[best] = _confirmed(problem, choice, rows[best], parts[best], observed.candidates)
         say(f"limits: {number} of {len(every)}, {cause}")
         order = sorted(range(len(rows)), key=lambda k: (rows[k].size is not None, -relative[k]))
-        found += {rows[k].parameter: rows[k] for k in order}.values()  # the form named from the least size, or none
-    return found
+        limits += {rows[k].parameter: rows[k] for k in order}.values()  # the form named from the least size, or none
+    return limits
 
 
 def _along(problem, choice, rng):
@@ -141,8 +141,8 @@ def _row(scored, index, column, scale):
     candidate, place = scored.problem.candidates[index], scored.problem.places[index].start + column
     prior = candidate.prior[column] if candidate.prior else None
     cause, bias, bias_in_sigma = slug_of(candidate.cause), None, None
-    found = scored.named(cause, place)
-    right, sets, unit = found if found else (np.zeros((2, RATIOS.size), dtype=bool), [[set()] * RATIOS.size] * 2, None)
+    named = scored.named(cause, place)
+    right, sets, unit = named if named else (np.zeros((2, RATIOS.size), dtype=bool), [[set()] * RATIOS.size] * 2, None)
     at = max(_from(each) for each in right)
     single = [[r and s == {cause} for r, s in zip(*one, strict=True)] for one in zip(right, sets, strict=True)]
     alone = max(_from(np.array(each)) for each in single)
@@ -150,7 +150,7 @@ def _row(scored, index, column, scale):
     confused = sorted({c for one in sets for some in one[near] for c in some} - {cause})
     size, ratio = (float(RATIOS[at] * unit), float(RATIOS[at])) if at < RATIOS.size else (None, None)
     least = float(RATIOS[alone] * unit) if alone < RATIOS.size else None
-    missed = RATIOS[max(min(at, RATIOS.size) - 1, 0)] * unit if found else prior
+    missed = RATIOS[max(min(at, RATIOS.size) - 1, 0)] * unit if named else prior
     if missed is not None:
         shift = scored.shift[: scale.size, place] * missed
         precision = np.linalg.pinv(scored.covariance[: scale.size, : scale.size], hermitian=True)

@@ -139,13 +139,13 @@ def _over_forms(problem, others, tried, about):
         if k != named:
             moved = _with(problem, baseline, k, size)[:width] - value
             mean, moment = mean + share * moved, moment + share * np.outer(moved, moved)
-    causes, seen = {problem.candidates[k].cause for *_, k in rows}, _scale
+    causes, sized = {problem.candidates[k].cause for *_, k in rows}, _scale
     for k, whole in enumerate(problem.candidates):
         if whole.cause in causes and k not in others and _whole(whole):
             parts = [problem.candidates[row] for *_, row in rows]  # forms of the cause, or one parameter of it alone
             alone = [p.cause == whole.cause and "alone" in p.form and {*p.names} <= {*whole.names} for p in parts]
             likely = float(weight @ [part is whole or one for part, one in zip(parts, alone, strict=True)])
-            moment = moment + likely * (_unseen(problem, gram, baseline, k, width, seen) if likely else 0.0)
+            moment = moment + likely * (_unseen(problem, gram, baseline, k, width, sized) if likely else 0.0)
     return mean, moment
 
 
@@ -261,15 +261,15 @@ def named_parameters(result: Result, position: int) -> dict[str, Parameter]:
     others = baseline_of(problem, [f.index for k, f in enumerate(result.findings) if k != position])
     gram, place, entry = problem.total, problem.places[index], problem.candidates[index]
     gram = attribution.projected(gram, others)
-    found = attribution.ratio(gram, place, problem.size)
-    value, covariance = found.value, found.covariance
-    if len(entry.prior) == len(entry.names) and found.determined.all():
+    ratio = attribution.ratio(gram, place, problem.size)
+    value, covariance = ratio.value, ratio.covariance
+    if len(entry.prior) == len(entry.names) and ratio.determined.all():
         value, covariance = _held(gram[place, place], gram[place, 0], np.asarray(entry.prior, dtype=float))
     covariance = covariance if entry.spread is None else covariance + entry.spread
     sigma = np.sqrt(np.diag(covariance))
-    rows = zip(entry.names, value.tolist(), sigma.tolist(), entry.units, found.determined, strict=True)
+    rows = zip(entry.names, value.tolist(), sigma.tolist(), entry.units, ratio.determined, strict=True)
     named = {n: Parameter(v if d else np.nan, s if d else np.nan, u) for n, v, s, u, d in rows}
-    if len(named) > 1 and found.determined.all():
+    if len(named) > 1 and ratio.determined.all():
         for name, row in zip(entry.names, covariance / np.outer(sigma, sigma), strict=True):
             related = {n: round(r, 6) for n, r in zip(named, row.tolist(), strict=True) if n != name}
             named[name] = replace(named[name], correlation=related)

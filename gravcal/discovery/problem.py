@@ -32,8 +32,8 @@ def root_of(inner: np.ndarray, least: Callable | float, size: np.ndarray | None 
     size = np.sqrt(np.maximum(np.diag(inner), 0.0)) if size is None else size
     scale = np.where(size > 0, size, 1.0)
     values, vectors = np.linalg.eigh(inner / np.outer(scale, scale))
-    seen = values > (least(values) if callable(least) else least)
-    return vectors[:, seen] / np.sqrt(values[seen]) / scale[:, None]
+    observable = values > (least(values) if callable(least) else least)
+    return vectors[:, observable] / np.sqrt(values[observable]) / scale[:, None]
 
 
 DEPENDENT = 3e-6  # share of the largest singular value: own columns that hardly differ are one
@@ -121,10 +121,10 @@ class Columns:
     def wider(self, more: np.ndarray) -> Columns:
         """With more columns (n, q) after these."""
         index = self.count + np.arange(more.shape[1])
-        seen = [(rows, np.flatnonzero(more[rows].any(axis=0))) for rows in self.groups]
-        found = [Part(rows, index[used], more[rows][:, used]) for rows, used in seen if used.size]
+        occupied = [(rows, np.flatnonzero(more[rows].any(axis=0))) for rows in self.groups]
+        parts = [Part(rows, index[used], more[rows][:, used]) for rows, used in occupied if used.size]
         inside = np.concatenate([self.inside, self.basis.T @ more], axis=1)
-        return replace(self, count=self.count + index.size, parts=[*self.parts, *found], inside=inside, memory={})
+        return replace(self, count=self.count + index.size, parts=[*self.parts, *parts], inside=inside, memory={})
 
 
 def without_rounding(products: np.ndarray, squares: np.ndarray) -> np.ndarray:

@@ -136,8 +136,8 @@ def concluded(state: tuple, choice: Choice) -> Result:
 def names(problem: Problem, choice: Choice) -> list[set[str]]:
     """Causes that the rounds name, each with those of the catalogue that it is tied with."""
     problem, chosen, _ = _named(problem, choice)
-    found = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
-    return [{slug_of(name) for name in (one.cause, *one.tied)} for one in found]
+    findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
+    return [{slug_of(name) for name in (one.cause, *one.tied)} for one in findings]
 
 
 def _named(problem, choice):
@@ -150,10 +150,10 @@ def _named(problem, choice):
         if wider is not problem:
             problem, rows = wider, trials.tried(wider, baseline_of(wider, used), choice, used)
         first = first or sorted(rows, key=lambda t: (t.log_p, -t.gain))
-        problem, found = _best(problem, [k for k, _ in chosen], rows, choice)
-        if found is None:
+        problem, winner = _best(problem, [k for k, _ in chosen], rows, choice)
+        if winner is None:
             break
-        problem, chosen = _revised(problem, [*chosen, found], choice)
+        problem, chosen = _revised(problem, [*chosen, winner], choice)
     chosen = merged(problem, chosen, choice)
     for position, (index, _) in enumerate(chosen):  # on whose value the blocks do not agree gives way to one in no list
         others = [k for i, (k, _) in enumerate(chosen) if i != position]
@@ -180,9 +180,9 @@ def _best(problem, used, rows, choice):
         grown, index = trials.refined(grown, baseline_of(grown, used), index)
         if trial.kind == "step" and trial.place < 0 and not _agreed(grown, used, index):
             continue
-        found = attribution.beside(grown, used, index)
-        trial = _with_noise_error(grown, used, index, trial, found.value, choice) if choice.spectra else trial
-        if not trial.significance < choice.level or not _possible(grown.candidates[index], found):
+        ratio = attribution.beside(grown, used, index)
+        trial = _with_noise_error(grown, used, index, trial, ratio.value, choice) if choice.spectra else trial
+        if not trial.significance < choice.level or not _possible(grown.candidates[index], ratio):
             continue
         gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
         if gain > 0:
@@ -193,12 +193,12 @@ def _best(problem, used, rows, choice):
     return problem, None
 
 
-def _possible(candidate, found):
+def _possible(candidate, ratio):
     """Whether a listed cause has a meaning in the size that it is found with: no scale is negative."""
     known = catalogue().get(slug_of(candidate.cause))
     lower = {one.name: one.lower for one in known.parameters} if known else {}
     least = [lower.get(name, -np.inf) for name in candidate.names]
-    return bool(np.all(found.value + CLEAR * np.sqrt(np.diag(found.covariance)) > least))
+    return bool(np.all(ratio.value + CLEAR * np.sqrt(np.diag(ratio.covariance)) > least))
 
 
 def _with_noise_error(problem, used, index, trial, value, choice):
@@ -270,10 +270,10 @@ def _revised(problem, chosen, choice):
         for position in range(len(chosen)):
             others = [k for i, (k, _) in enumerate(chosen) if i != position]
             rows = trials.tried(problem, baseline_of(problem, others), choice, others)
-            problem, found = _best(problem, others, rows, choice)
-            chosen = [*chosen[:position], found, *chosen[position + 1 :]]
+            problem, winner = _best(problem, others, rows, choice)
+            chosen = [*chosen[:position], winner, *chosen[position + 1 :]]
             chosen = [c for c in chosen if c is not None]
-            if found is None:
+            if winner is None:
                 break
         if [k for k, _ in chosen] == before:
             break
@@ -346,17 +346,17 @@ def _near(problem, gram, index, ratio, tie):
 
 def _as_good(problem, gram, index, ratio, tie):
     """Drivers in no list that describe this data as well as what was named, within half the limit; as of `_near`."""
-    found = {}
+    near = {}
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
         other = None if candidate.listed else attribution.ratio(gram, place, problem.size)
         if other is None or not other.dof:
             continue
         lost = ratio.gain - other.gain - trials.COST * (ratio.dof - other.dof)
-        if lost < min(tie / 2, found.get(candidate.cause, (np.inf, -1))[0]):
-            found[candidate.cause] = (lost, k)
+        if lost < min(tie / 2, near.get(candidate.cause, (np.inf, -1))[0]):
+            near[candidate.cause] = (lost, k)
     true = problem.places[index]
-    apart = {k: attribution.misfit(gram, true, ratio.value, problem.places[k], problem.size) for _, k in found.values()}
-    return {cause: (apart[k] - ratio.dof, k) for cause, (_, k) in found.items()}
+    apart = {k: attribution.misfit(gram, true, ratio.value, problem.places[k], problem.size) for _, k in near.values()}
+    return {cause: (apart[k] - ratio.dof, k) for cause, (_, k) in near.items()}
 
 
 def _result(problem, findings, tests, baseline, first):
@@ -394,8 +394,8 @@ def merged(problem: Problem, chosen: list, choice) -> list:
     whole = {k for k in wide if len(problem.candidates[k].names) == most}
     kept = [one for one, cause in zip(chosen, causes, strict=True) if cause != twice]
     rows = trials.tried(problem, baseline_of(problem, [k for k, _ in kept]), choice, [k for k, _ in kept])
-    found = max((t for t in rows if t.index in whole), key=lambda t: t.gain, default=None)
-    return [*kept, (found.index, found)] if found else chosen
+    best = max((t for t in rows if t.index in whole), key=lambda t: t.gain, default=None)
+    return [*kept, (best.index, best)] if best else chosen
 
 
 def without_shadows(problem: Problem, chosen: list) -> list:
@@ -461,12 +461,12 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
 
     Blocks with an origin of their own tell no sign of one beside another, so that a step may go either way in each.
     """
-    found = [(k, problem.candidates[k]) for k, _ in chosen]
-    found = [(k, one) for k, one in found if slug_of(one.cause) == choice.step_cause and not one.apart]
-    if len(found) < JUMPS or len({len(one.names) for _, one in found}) > 1:
+    candidates = [(k, problem.candidates[k]) for k, _ in chosen]
+    candidates = [(k, one) for k, one in candidates if slug_of(one.cause) == choice.step_cause and not one.apart]
+    if len(candidates) < JUMPS or len({len(one.names) for _, one in candidates}) > 1:
         return problem, chosen
-    epoch = {k: one.at if np.isfinite(one.at) else epoch_of(one.cause) for k, one in found}
-    steps, first = sorted(epoch, key=epoch.get), found[0][1]
+    epoch = {k: one.at if np.isfinite(one.at) else epoch_of(one.cause) for k, one in candidates}
+    steps, first = sorted(epoch, key=epoch.get), candidates[0][1]
     width = len(first.names)
     others = [one for one in chosen if one[0] not in epoch]
     rest = [k for k, _ in others]
@@ -513,8 +513,8 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         if after.excess_p >= choice.excess_level:
             break
         baseline = baseline_of(problem, [k for k, one in chosen if one.cause == trials.EXCESS])
-        found = None if jumps else trials.telegraph_of(problem, baseline, after.excess.channel)
-        candidate, jumps = found or trials.excess_of(problem, after.excess), jumps or found
+        telegraph = None if jumps else trials.telegraph_of(problem, baseline, after.excess.channel)
+        candidate, jumps = telegraph or trials.excess_of(problem, after.excess), jumps or telegraph
         if candidate is None:
             break
         used = [k for k, _ in chosen]
@@ -523,7 +523,7 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         ratio = attribution.beside(grown, used, index)
         about = ratio.gain, ratio.dof, ratio.log_p, after.excess_p
         trial = trials.Trial("excess", candidate.cause, candidate.form, index, *about)
-        low, high = (0.0, np.inf) if found else sorted(after.excess.band)
+        low, high = (0.0, np.inf) if telegraph else sorted(after.excess.band)
         lines = [one for one in chosen if one[1].kind == "line" and one[1].channel == after.excess.channel]
         lines = [one for one in lines if low <= one[1].at <= high]
         others = [one for one in chosen if one not in lines]
@@ -532,7 +532,7 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         gains = [attribution.beside(problem, [j for j in used if j != k], k).gain for k in used]
         small = ratio.gain - ratio.dof < SHADOW * max(gains, default=0.0)
         if small or min(alone, key=alone.get) != index:  # it is what a line leaves that is less likely by chance
-            if found:  # two levels are not all there is: the place itself
+            if telegraph:  # two levels are not all there is: the place itself
                 continue
             break
         kept = []

@@ -55,8 +55,8 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
         inner, right = own - cross.transpose(0, 2, 1) @ (inverse @ cross), right.transpose(0, 2, 1)
         gain.append(np.sum(right * (np.linalg.pinv(inner, 1e-8, hermitian=True) @ right), axis=1))
         alone = np.einsum("kqq->kq", inner)
-        seen = alone > 1e-8 * np.max(alone, axis=1, keepdims=True)
-        gain += [*np.moveaxis(np.where(seen, 1 / np.where(seen, alone, 1.0), 0.0)[:, :, None] * right**2, 1, 0)]
+        valid = alone > 1e-8 * np.max(alone, axis=1, keepdims=True)
+        gain += [*np.moveaxis(np.where(valid, 1 / np.where(valid, alone, 1.0), 0.0)[:, :, None] * right**2, 1, 0)]
         free = np.array([inner.shape[1], *[1] * inner.shape[1]])
         dof.append(np.repeat(free, len(own)))
         epochs = list(problem.blocks[i if i >= 0 else parts[0][0]].steps)[: len(own)]
@@ -86,19 +86,19 @@ def frequencies(blocks: list[Block], channel: str) -> np.ndarray:
     return step * np.arange(6, 0.45 / (step * spacing))
 
 
-def offered(found: Scan, periods: Mapping[float, int]) -> np.ndarray:
+def offered(spectrum: Scan, periods: Mapping[float, int]) -> np.ndarray:
     """True (k,) for lines that are no harmonic of a period, {s: highest}, as far as the records tell them apart.
 
     A sine leaks to a frequency that is d off by 1 / (pi T d)^2 of its power in a record of T; a line that is no more
     than four times as strong as what leaks from a harmonic is none. The gain of the first column counts.
     """
-    at, gain = found.at, found.gain[:, 0]
+    at, gain = spectrum.at, spectrum.gain[:, 0]
     width = 2 * float(np.median(np.diff(np.unique(at)))) if np.unique(at).size > 1 else 0.0  # 1 / T
     harmonics = np.concatenate([np.zeros(0), *(np.arange(1, n + 1) / period for period, n in periods.items())])
     harmonics = harmonics[(harmonics > at.min(initial=0.0)) & (harmonics < at.max(initial=0.0))]
     kept = np.ones(at.size, dtype=bool)
-    for place in np.unique(found.place) if harmonics.size else ():
-        here = found.place == place
+    for place in np.unique(spectrum.place) if harmonics.size else ():
+        here = spectrum.place == place
         leaking = gain[here][np.abs(at[here, None] - harmonics).argmin(axis=0)]
         away = np.abs(at[here, None] - harmonics)
         leak = np.max(4 * leaking / np.maximum(away * np.pi / width, 1.0) ** 2, axis=1)
@@ -254,7 +254,7 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
     does of what jumps at random (Papoulis, Probability, ch. 10). Residuals (n, 1 + d) are observed and drawn.
     """
     numbers, begins, spacing, series = _series(problem.blocks, rest, channel)
-    found, drifts = [], partial(_drifts, np.array(begins), spacing)
+    excesses, drifts = [], partial(_drifts, np.array(begins), spacing)
     for kind, made in (("tile", _tiles), ("slow", _slow), ("chirp", _chirps), ("drift", drifts)):
         best, count = (-np.inf,), 0
         most = np.full(rest[0].shape[1], -np.inf)
@@ -272,8 +272,8 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
         if count and np.isfinite(best[0]):
             log_p = special.log_ndtr(-most) + np.log(count)
             span, band = tuple(best[3] * spacing), tuple(best[4] / spacing)
-            found.append(Excess(kind, channel, *best[1:3], span, band, log_p, float(best[5])))
-    return found
+            excesses.append(Excess(kind, channel, *best[1:3], span, band, log_p, float(best[5])))
+    return excesses
 
 
 def level_error(problem: Problem, baseline: np.ndarray, parts: list[np.ndarray], spectra: Mapping) -> float:

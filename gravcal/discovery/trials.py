@@ -143,10 +143,10 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
 def _along(problem, baseline, choice):
     """Lines and steps: fields of `Trial` without their significance."""
     rest = residuals_of(problem, baseline, observed_rows(problem))
-    found = [scan.lines(problem, baseline, rest, c) for c in choice.tone_causes]
-    found.append(scan.steps(problem, baseline, rest))
+    scans = [scan.lines(problem, baseline, rest, c) for c in choice.tone_causes]
+    scans.append(scan.steps(problem, baseline, rest))
     rows = []
-    for one in found:
+    for one in scans:
         gain = one.gain[:, 0] if one.at.size else np.zeros(0)
         log_p = chi2_tail.log_tail(gain, np.maximum(one.dof, 1), choice.freedom)
         spacing = float(np.median(np.abs(np.diff(one.at)))) / np.sqrt(12) if one.at.size > 1 else np.nan
@@ -205,46 +205,46 @@ def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
     return extended(problem, replace(candidate, at=trial.at, at_sigma=trial.at_sigma)), len(problem.candidates)
 
 
-def excess_of(problem: Problem, found: scan.Excess) -> Candidate | None:
+def excess_of(problem: Problem, excess: scan.Excess) -> Candidate | None:
     """Candidate of sines of any size in a tile, or on a path, in each block and axis; None of too many to fit."""
-    times = {k: b.time[b.channel == found.channel] for k, b in enumerate(problem.blocks) if found.block in (-1, k)}
+    times = {k: b.time[b.channel == excess.channel] for k, b in enumerate(problem.blocks) if excess.block in (-1, k)}
     begins = {k: time.min() for k, time in times.items() if time.size}
-    axes = [found.axis] if found.axis >= 0 else [0, 1, 2]
-    places = [(k, a) for k in sorted(begins) for a in axes if np.any(_rows(problem.blocks[k], found, a, begins[k]))]
-    length, lowest, path = found.span[1] - found.span[0], found.band[0], found.kind in PATHS
-    bins = lowest + np.arange(max(round((found.band[1] - lowest) * length), 1)) / length
+    axes = [excess.axis] if excess.axis >= 0 else [0, 1, 2]
+    places = [(k, a) for k in sorted(begins) for a in axes if np.any(_rows(problem.blocks[k], excess, a, begins[k]))]
+    length, lowest, path = excess.span[1] - excess.span[0], excess.band[0], excess.kind in PATHS
+    bins = lowest + np.arange(max(round((excess.band[1] - lowest) * length), 1)) / length
     count = 2 * len(places) * (1 if path else bins.size)
     if count > WIDEST:
         return None
     started = begins
     first, whole = min(begins.values()), length  # of a drifting line the first block, and all of them
-    if found.kind == "drift":
+    if excess.kind == "drift":
         begins, whole = dict.fromkeys(begins, first), length + max(begins.values()) - first
 
     def columns(value):
         begin, change = (value[:1], np.diff(value) / (2 * whole)) if path else (bins, 0.0)
         made = [np.zeros((block.observed.size, count)) for block in problem.blocks]
         for (k, axis), part in zip(places, np.split(np.arange(count), len(places)), strict=True):
-            rows = _rows(problem.blocks[k], found, axis, started[k])
-            since = (problem.blocks[k].time[rows] - begins[k] - found.span[0])[:, None]
+            rows = _rows(problem.blocks[k], excess, axis, started[k])
+            since = (problem.blocks[k].time[rows] - begins[k] - excess.span[0])[:, None]
             phase = 2 * np.pi * (begin + change * since) * since
             made[k][np.ix_(rows, part)] = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
         return made
 
-    words = f"{found.channel} reading{f' {AXES[found.axis]}' if found.axis >= 0 else ''}"
-    label = problem.blocks[found.block].label if found.block >= 0 else found.channel
-    words += f", {label}" if label != found.channel else ""
+    words = f"{excess.channel} reading{f' {AXES[excess.axis]}' if excess.axis >= 0 else ''}"
+    label = problem.blocks[excess.block].label if excess.block >= 0 else excess.channel
+    words += f", {label}" if label != excess.channel else ""
     if path:
-        value, near = np.array(found.band), np.array([(a, b) for a in (0, -1, 1) for b in (0, -1, 1)]) / (2 * length)
+        value, near = np.array(excess.band), np.array([(a, b) for a in (0, -1, 1) for b in (0, -1, 1)]) / (2 * length)
         lower, upper = np.maximum(value - 3 / length, 0.1 / length), value + 3 / length
         about = np.clip(value + near, lower, upper), lower, upper
-        shape = Shape(("begin", "end"), ("Hz", "Hz"), value, columns, *about, words=f"{words}, {PATHS[found.kind]}")
+        shape = Shape(("begin", "end"), ("Hz", "Hz"), value, columns, *about, words=f"{words}, {PATHS[excess.kind]}")
     else:
-        value, names = np.array([*found.span, *found.band]), ("from", "to", "lowest", "highest")
+        value, names = np.array([*excess.span, *excess.band]), ("from", "to", "lowest", "highest")
         units, fixed = ("s", "s", "Hz", "Hz"), np.zeros((4, 4))
         shape = Shape(names, units, value, columns, value[None], value, value, covariance=fixed, words=words)
-    low, high = sorted(1e3 * np.array(found.band))
-    form = f"{words}, {found.span[0]:.0f} to {found.span[1]:.0f} s, {low:.0f} to {high:.0f} mHz"
+    low, high = sorted(1e3 * np.array(excess.band))
+    form = f"{words}, {excess.span[0]:.0f} to {excess.span[1]:.0f} s, {low:.0f} to {high:.0f} mHz"
     names = [f"part_{k}" for k in range(count)]
     return Candidate(EXCESS, form, names, ["1"] * count, columns(value), shape=shape)
 
@@ -277,10 +277,10 @@ def telegraph_of(problem: Problem, baseline: np.ndarray, channel: str) -> Candid
     return Candidate(EXCESS, form, ["size"], ["1"], columns, shape=shape)
 
 
-def _rows(block, found, axis, begin):
+def _rows(block, excess, axis, begin):
     """Rows (n,) of an axis in the stretch of an excess, of a record that begins at a time s."""
-    here, since = (block.channel == found.channel) & (block.axis == axis), block.time - begin
-    return here & weighted_rows(block) & (since >= found.span[0]) & (since <= found.span[1])
+    here, since = (block.channel == excess.channel) & (block.axis == axis), block.time - begin
+    return here & weighted_rows(block) & (since >= excess.span[0]) & (since <= excess.span[1])
 
 
 def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: float) -> tuple[float, str]:
@@ -319,7 +319,7 @@ def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice)
     listed = [t for t in rows if t.kind == "listed"]
     limit = np.log(choice.level * SHARES["listed"] / max(len(listed), 1))
     tops = sorted(listed, key=lambda t: -t.score)[:PAIRED]
-    found = None
+    best = None
     for i, one in enumerate(tops):
         for other in tops[i + 1 :]:
             if one.cause == other.cause:
@@ -329,9 +329,9 @@ def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice)
             lost = [(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
             alone = [chi2_tail.log_tail(*each, choice.freedom) for each in lost]
             score = gain - COST * dof
-            if max(alone) < limit and (found is None or score > found[1]):
-                found = (one if one.score > other.score else other, score)
-    return found
+            if max(alone) < limit and (best is None or score > best[1]):
+                best = (one if one.score > other.score else other, score)
+    return best
 
 
 SHARE = 0.2  # of the largest gain of a round, from which a cause of any size may win
@@ -389,8 +389,8 @@ def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem
     beside = _Beside(problem, baseline)
     settled = len(candidate.shape.tried) == 1  # at the largest gain
     value = candidate.shape.value if settled else _largest(candidate.shape, beside)
-    found = (_with_spread if candidate.shape.sized else _with_errors)(candidate, value, beside)
-    return extended(problem, found), len(problem.candidates)
+    fitted = (_with_spread if candidate.shape.sized else _with_errors)(candidate, value, beside)
+    return extended(problem, fitted), len(problem.candidates)
 
 
 def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, list]:
@@ -401,9 +401,9 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
     """
     most = max((t.gain for t in rows), default=0.0)
     shapes = {t.index: problem.candidates[t.index].shape for t in rows if t.index >= 0}
-    found = [t for t in rows if t.index >= 0 and shapes[t.index] is not None and shapes[t.index].sized]
-    best = max(found, key=lambda t: t.gain, default=None)
-    known = [t for t in found if len(shapes[t.index].tried) == 1]
+    sized_trials = [t for t in rows if t.index >= 0 and shapes[t.index] is not None and shapes[t.index].sized]
+    best = max(sized_trials, key=lambda t: t.gain, default=None)
+    known = [t for t in sized_trials if len(shapes[t.index].tried) == 1]
     if best is None or best.gain < SHARE * most or any(t.gain > best.gain - NEAR for t in known):
         return problem, rows
     candidate, beside, index = problem.candidates[best.index], _Beside(problem, baseline), len(problem.candidates)
@@ -414,7 +414,7 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
     problem = extended(problem, replace(candidate, form=form, columns=parts, shape=settled))
     ratio = attribution.ratio(attribution.projected(problem.total, baseline), problem.places[index], problem.size)
     numbers = {"gain": ratio.gain, "log_p": ratio.log_p, "form": form}
-    return problem, [*(t for t in rows if t not in found), best._replace(index=index, **numbers)]
+    return problem, [*(t for t in rows if t not in sized_trials), best._replace(index=index, **numbers)]
 
 
 def _largest(shape: Shape, beside):
@@ -430,8 +430,8 @@ def _largest(shape: Shape, beside):
         tried, best = begun[:, 0], int(np.argmin(losses))
         ends = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
         options = {"xatol": FIRST / 4, "maxiter": EVALUATIONS}
-        found = minimize_scalar(lambda u: loss(np.array([u])), bounds=ends, method="bounded", options=options)
-        return np.exp(np.array([found.x]))
+        optimum = minimize_scalar(lambda u: loss(np.array([u])), bounds=ends, method="bounded", options=options)
+        return np.exp(np.array([optimum.x]))
     steps = np.abs(begun - first)
     width = np.array([np.min(column[column > 0], initial=0.1) / 2 for column in steps.T])
     simplex = first + np.concatenate([np.zeros((1, width.size)), np.diag(width)])

@@ -80,9 +80,9 @@ class Effect:
         sizes = ((p.name, float(p.prior_sigma * share())) for p in self.parameters)
         return {name: USUAL.get(name, size) for name, size in sizes}
 
-    def values(self, given: Mapping[str, float]) -> np.ndarray:
+    def values(self, numbers: Mapping[str, float]) -> np.ndarray:
         """Parameter values in order from SI values by name, neutral where not given."""
-        return np.array([given.get(p.name, p.neutral) for p in self.parameters], dtype=float)
+        return np.array([numbers.get(p.name, p.neutral) for p in self.parameters], dtype=float)
 
     def columns(self, context: Context, at: np.ndarray | None = None) -> np.ndarray:
         """Derivative of the contribution by each parameter, last axis; central differences where not linear.

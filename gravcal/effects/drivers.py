@@ -93,9 +93,9 @@ class Law:
         rows = zip(self.names, constants, strict=True)
         return ", ".join([self.words, *(f"{n} {v:.4g} {CONSTANTS[n][0]}".removesuffix(" 1") for n, v in rows)])
 
-    def tells(self, told: str) -> bool:
+    def tells(self, words: str) -> bool:
         """True if these words are those of this law with some constants."""
-        return told == self.words or bool(self.names) and told.startswith(f"{self.words}, {self.names[0]} ")
+        return words == self.words or bool(self.names) and words.startswith(f"{self.words}, {self.names[0]} ")
 
     def values(self, time: np.ndarray, series: np.ndarray, constants, *, off: np.ndarray, rested: bool) -> np.ndarray:
         """Values (n, w) of the law of a series (n,) at times s, by its constants, where the torquers are `off` (n,).

@@ -44,8 +44,8 @@ def lagging(time, edges, dipole, missing, tau, leads):
     at = time[:, None] + leads
     last = np.searchsorted(edges, at, side="right") - 1
     left = np.exp(-np.maximum(at - edges[last], 0.0) / tau)[:, :, None]
-    found = np.concatenate([dipole, np.zeros((1, 3))])[last] - missing[last] * left
-    return np.moveaxis(np.where(last[:, :, None] < 0, 0.0, found), 2, 1)
+    moment = np.concatenate([dipole, np.zeros((1, 3))])[last] - missing[last] * left
+    return np.moveaxis(np.where(last[:, :, None] < 0, 0.0, moment), 2, 1)
 
 
 def lag_swing(edges: np.ndarray, dipole_b: np.ndarray, shift: float, time: np.ndarray, tau: float) -> np.ndarray:

@@ -46,8 +46,8 @@ class Estimate:
         """One line a parameter."""
         units = [*self.unit.split(","), *[self.unit] * len(self.names)]
         rows = zip(self.names, self.value, self.sigma, units, strict=False)
-        found = lambda value, sigma, unit: f"{_digits(value, sigma)} {unit.strip()}"  # noqa: E731
-        lines = [f"{n:>12} {found(v, *of) if np.isfinite(v) else 'not determined'}" for n, v, *of in rows]
+        text = lambda value, sigma, unit: f"{_digits(value, sigma)} {unit.strip()}"  # noqa: E731
+        lines = [f"{n:>12} {text(v, *of) if np.isfinite(v) else 'not determined'}" for n, v, *of in rows]
         fit = f"chi2 {self.chi2:.1f} of {self.dof} degrees of freedom (p = {self.probability:.2g})"
         return "\n".join([*lines, fit])
 

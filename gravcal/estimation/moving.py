@@ -146,11 +146,11 @@ def _stepped(one, epochs):
     return best + 2 * np.log(np.sum(np.exp((np.array(score) - best) / 2), axis=0))
 
 
-def _weighed(time, value, covariance, steps, found, scale, follows):
+def _weighed(time, value, covariance, steps, detected, scale, follows):
     """Motion with the evidence of each size of walk and scatter."""
     odds = (np.append(p, np.full(n, (1 - p) / n)) for p, n in ((STILL, WALKS), (HONEST, SCATTERS.size - 1)))
     prior = np.outer(*odds)
-    one = Moving(time, value, covariance, steps, found, scale, np.ones(prior.shape), follows)
+    one = Moving(time, value, covariance, steps, detected, scale, np.ones(prior.shape), follows)
     score = [-np.linalg.slogdet(inner)[1] - value @ np.linalg.solve(inner, value) for _, _, inner in one.options()]
     score = np.reshape(score, prior.shape) + 2 * np.log(prior)
     weights = np.exp((score - score.max()) / 2)

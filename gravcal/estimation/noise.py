@@ -265,9 +265,9 @@ def spectra_beside(series: np.ndarray, columns: np.ndarray, order: int, step_s: 
     good, count = np.isfinite(series).all(axis=1), len(series)
     knots, wave = np.geomspace(4 / (count * step_s), 0.5 / step_s, KNOTS), np.fft.rfftfreq(count, step_s)[1:]
     plain = np.nanvar(beside([series], [columns])(series, 0), axis=0) * 2 * step_s
-    found = [Spectrum(knots, np.full(KNOTS, np.log(max(one, 1e-300)))) for one in plain]
+    spectra = [Spectrum(knots, np.full(KNOTS, np.log(max(one, 1e-300)))) for one in plain]
     for _ in range(REWEIGHTED):
-        models = [one.model(order, step_s) for one in found]
+        models = [one.model(order, step_s) for one in spectra]
         rows = whitened(models, np.concatenate([columns, series[:, :, None]], axis=2), good)
         basis = orthonormal(rows[:, :-1], DEPENDENT)
         left = (rows[:, -1] - basis @ (basis.T @ rows[:, -1])).reshape(3, count)
@@ -275,9 +275,9 @@ def spectra_beside(series: np.ndarray, columns: np.ndarray, order: int, step_s: 
         square, taken = (np.abs(np.fft.rfft(one, axis=1)[:, 1:]) ** 2 / count for one in both)
         times = np.maximum(good.mean() - taken.sum(axis=2), 0.0)
         response = [np.diag(1 / model.density(wave)) for model in models]
-        axes = zip(found, zip(square, times, response, strict=True), strict=True)
-        found = [_scored(one, wave, waves, STEADY) for one, waves in axes]
-    return found, models, left.T
+        axes = zip(spectra, zip(square, times, response, strict=True), strict=True)
+        spectra = [_scored(one, wave, waves, STEADY) for one, waves in axes]
+    return spectra, models, left.T
 
 
 def _alike(pieces):
@@ -354,14 +354,14 @@ def levels(
     share = member / (own + within)
     known = share.sum(axis=1)
     middle = share @ value / np.maximum(known, 1e-300)[:, None]
-    seen = known > 0
-    between = _scatter(middle[seen], 1 / known[seen], np.ones((1, int(seen.sum()))), axes)
+    measured = known > 0
+    between = _scatter(middle[measured], 1 / known[measured], np.ones((1, int(measured.sum()))), axes)
     variance = 1 / np.maximum(known, 1e-300)
-    weight = np.where(seen, 1 / (variance + between), 0.0)
+    weight = np.where(measured, 1 / (variance + between), 0.0)
     mean = weight @ middle / weight.sum()
     drawn = between / (between + variance)
     power = np.exp(mean + drawn[:, None] * (middle - mean))
-    weight = np.where(seen, member @ count, 0.0)
+    weight = np.where(measured, member @ count, 0.0)
     error = np.sqrt(between * (1 - drawn) + within) / 2
     return Levels(np.sqrt(power * weight.sum() / (weight @ power)), np.repeat(error[:, None], axes, axis=1))
 
@@ -429,9 +429,9 @@ def fit_detrended(segments: list[np.ndarray], clean: Callable, order: int, step_
     rng = np.random.default_rng(0)
     axes = range(segments[0].shape[1])
     residual = [clean(s, i) for i, s in enumerate(segments)]
-    seen = [fit_noise([r[:, a] for r in residual], order, step_s) for a in axes]
+    detrended = [fit_noise([r[:, a] for r in residual], order, step_s) for a in axes]
     frequency = (np.arange(NODES) + 0.5) / (2 * step_s * NODES)
-    wanted = [m.density(frequency) for m in seen]
+    wanted = [m.density(frequency) for m in detrended]
     density = list(wanted)
     for _ in range(ROUNDS):
         models = [from_density(d, order, step_s) for d in density]
@@ -519,7 +519,7 @@ def without_lines(segments: list[np.ndarray], step_s: float) -> tuple[list[np.nd
 
     Segments (n_i, axes) are even, NaN where missing; with them come axis and frequency in Hz of every line.
     """
-    cleaned, found = [s.copy() for s in segments], []
+    cleaned, lines = [s.copy() for s in segments], []
     parts = next_fast_len(2 * int(np.median([np.isfinite(s[:, 0]).sum() for s in segments])), real=True)
     lowest, highest = int(np.ceil(LOWEST_HZ * parts * step_s)), int(0.48 * parts)
     for axis in range(segments[0].shape[1]):
@@ -534,8 +534,8 @@ def without_lines(segments: list[np.ndarray], step_s: float) -> tuple[list[np.nd
             frequency = float(first + np.argmax(fine[first : first + 2 * FINE + 1])) / (FINE * parts * step_s)
             for segment in cleaned:
                 segment[:, axis] -= _sine(segment[:, axis], frequency * step_s, 2)[0]
-            found.append((axis, frequency))
-    return cleaned, found
+            lines.append((axis, frequency))
+    return cleaned, lines
 
 
 def without_slow_lines(segments: list[np.ndarray], order: int, step_s: float) -> list[np.ndarray]:
@@ -693,16 +693,16 @@ def in_common(left: np.ndarray, models: Sequence[NoiseModel]) -> list[Common]:
     lag = np.arange(-REACH, REACH + 1.0)
     decays = [np.exp(-np.abs(lag) / decay) for decay in DECAYS]
     shapes = np.stack([*decays, *(np.sign(lag) * one for one in decays)])
-    axes, good, found = np.argsort(-np.nanvar(left, axis=0)), np.isfinite(left).all(axis=1), []
+    axes, good, common = np.argsort(-np.nanvar(left, axis=0)), np.isfinite(left).all(axis=1), []
     left = np.where(good[:, None], left, 0.0)
     for weaker, other in ((a, b) for k, a in enumerate(axes) for b in axes[:k]):
         filtered = [correlate1d(left[:, other], one, mode="constant") for one in shapes]
         columns, observed = (whiten(models[weaker], one, good) for one in (np.stack(filtered, axis=1), left[:, weaker]))
         size = np.linalg.lstsq(columns, observed, rcond=1e-8)[0]
         if chdtrc(len(shapes), np.sum((columns @ size) ** 2)) < SHARED:
-            found.append(Common(int(weaker), int(other), size @ shapes))
-            left = found[-1].taken_out(left)
-    return found
+            common.append(Common(int(weaker), int(other), size @ shapes))
+            left = common[-1].taken_out(left)
+    return common
 
 
 QUARTILE = 0.3186  # of the size of a normal deviate: a quarter of all differences has no jump, where half may have one

@@ -209,6 +209,6 @@ class Outcome:
     readings: Readings | None = None
 
 
-def outcome_of(found: Any) -> Outcome | None:
+def outcome_of(search: Any) -> Outcome | None:
     """Outcome in the product of a search, None where the event had no manoeuvre to search."""
-    return record_of(Outcome, tables) if "findings" in (tables := result_of(found)) else None
+    return record_of(Outcome, tables) if "findings" in (tables := result_of(search)) else None

@@ -23,14 +23,14 @@ SCHEMA = {
 AS_TABLES = {"exclude_defaults": True, "warnings": False}
 
 
-def tabled(found: Any, result: Any) -> Any:
+def tabled(dataset: Any, result: Any) -> Any:
     """Dataset (xarray) with the table of a result, a record or numbers, texts, lists and tables; NaN is nothing."""
     columns = zip(*_rows("", _adapter(type(result)).dump_python(result, **AS_TABLES)), strict=True)
     made = {}
     for (name, stated), values in zip(SCHEMA.items(), columns, strict=True):
         labels = {label: stated[label] for label in ("units", "long_name") if label in stated}
         made[name] = "quantity", np.array(values, dtype=object if "dtype" in stated else float), labels
-    return found.drop_dims("quantity", errors="ignore").assign(made)
+    return dataset.drop_dims("quantity", errors="ignore").assign(made)
 
 
 @functools.cache
@@ -65,10 +65,10 @@ def _rows(place: str, value) -> Iterator[tuple[str, str, float, str]]:
         yield place, kind, float(value) if value is not None and math.isfinite(value) else np.nan, ""
 
 
-def result_of(found: Any) -> dict:
+def result_of(dataset: Any) -> dict:
     """Result in the table of a dataset, {} if it has none; a number that is nothing is None."""
     places = {"": {}}
-    for place, kind, number, text in zip(*(found[name].values for name in SCHEMA if name in found), strict=True):
+    for place, kind, number, text in zip(*(dataset[name].values for name in SCHEMA if name in dataset), strict=True):
         value = {"table": {}, "list": [], "text": text, "truth": bool(number)}.get(kind)
         if value is None and math.isfinite(number):
             value = int(number) if kind == "integer" else float(number)

@@ -14,8 +14,8 @@ def check_shape(name, values, shape):
     array = np.asarray(values, dtype=float)
     open_ended = shape[0] is Ellipsis
     wanted = shape[1:] if open_ended else shape
-    found = array.shape[-len(wanted) :] if open_ended else array.shape
-    if len(found) != len(wanted) or any(w is not None and w != f for w, f in zip(wanted, found, strict=True)):
+    lengths = array.shape[-len(wanted) :] if open_ended else array.shape
+    if len(lengths) != len(wanted) or any(w is not None and w != f for w, f in zip(wanted, lengths, strict=True)):
         text = "(" + ", ".join("..." if s is Ellipsis else "n" if s is None else str(s) for s in shape) + ")"
         refuse(name, f"shape {array.shape}", f"shape {text}", "Put vectors on the last axis.", shape=array.shape)
     return array
@@ -30,6 +30,6 @@ def check_increasing(name, time, strictly=True):
     wrong = steps <= 0 if strictly else steps < 0
     if np.any(wrong):
         at = int(np.argmax(wrong))
-        found = f"{array[at]:.9f} s followed by {array[at + 1]:.9f} s at index {at}"
-        refuse(name, found, "strictly increasing epochs" if strictly else "sorted epochs", "Sort them.", index=at)
+        pair = f"{array[at]:.9f} s followed by {array[at + 1]:.9f} s at index {at}"
+        refuse(name, pair, "strictly increasing epochs" if strictly else "sorted epochs", "Sort them.", index=at)
     return array

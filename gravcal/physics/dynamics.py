@@ -183,9 +183,9 @@ def _polynomials(torque, origin, duration):
     """Cubics in time of field and gradient: knots (k,), coefficients (k - 1, 4, 9)."""
     knots = check_increasing("torque.field_time", torque.field_time) - origin
     if knots.size < 4 or knots[0] > 1e-6 or knots[-1] < duration - 1e-6:
-        found = f"{knots.size} samples from {knots[:1]} to {knots[-1:]} s after the state"
+        coverage = f"{knots.size} samples from {knots[:1]} to {knots[-1:]} s after the state"
         expected = f"at least 4 that cover 0 to {duration:.3f} s"
-        refuse("torque.field_time", found, expected, "Evaluate the field further.")
+        refuse("torque.field_time", coverage, expected, "Evaluate the field further.")
     values = np.zeros((knots.size, 9))
     values[:, :3] = check_shape("torque.field_i", torque.field_i, (knots.size, 3))
     if torque.gradient_i is not None:

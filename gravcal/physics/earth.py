@@ -149,8 +149,8 @@ def orientation_parameters(time_gps):
     first, last = table[0, [0, -1]]
     start, stop = np.min(time_gps), np.max(time_gps)
     if not (first <= start and stop <= last):
-        found, expected = f"epochs {start:.0f} to {stop:.0f} GPS s", f"{first:.0f} to {last:.0f} GPS s"
-        refuse("Earth orientation", found, expected, "Update astropy-iers-data.", first=first, last=last)
+        span, expected = f"epochs {start:.0f} to {stop:.0f} GPS s", f"{first:.0f} to {last:.0f} GPS s"
+        refuse("Earth orientation", span, expected, "Update astropy-iers-data.", first=first, last=last)
     low, high = np.searchsorted(table[0], [start, stop])
     rows = slice(max(low - 6, 0), high + 6)
     return scipy.interpolate.CubicSpline(table[0, rows], table[1:, rows], axis=1)(time_gps)

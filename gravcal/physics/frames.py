@@ -97,8 +97,8 @@ def interpolate(time, quaternion, at):
     """
     time, at = check_increasing("interpolate: time", time), np.asarray(at, float)
     if at.size and not (time[0] <= at.min() and at.max() <= time[-1]):
-        found, expected = f"epochs {at.min():.6f} to {at.max():.6f} s", f"{time[0]:.6f} to {time[-1]:.6f} s"
-        refuse("interpolate: at", found, expected, "Attitude is not extrapolated; cut the epochs.")
+        span, expected = f"epochs {at.min():.6f} to {at.max():.6f} s", f"{time[0]:.6f} to {time[-1]:.6f} s"
+        refuse("interpolate: at", span, expected, "Attitude is not extrapolated; cut the epochs.")
     known = check_shape("interpolate", quaternion, (time.size, 4))
     first, last = np.searchsorted(time, (at.min(), at.max())) if at.size else (0, 0)
     near = slice(max(first - 1, 0), max(last + 1, 2))  # of a day, a few minutes may be asked for

@@ -63,8 +63,8 @@ def rotate_tensor(R_ab, tensor_b):
 def _distance(r):
     distance = np.linalg.norm(r, axis=-1)
     if np.any(distance < 1e6):
-        found = f"{distance.min():.3f} m from the Earth's centre"
-        refuse("position_i", found, "an orbit", "Give metres, not kilometres.")
+        nearest = f"{distance.min():.3f} m from the Earth's centre"
+        refuse("position_i", nearest, "an orbit", "Give metres, not kilometres.")
     return distance
 
 

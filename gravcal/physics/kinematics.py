@@ -33,8 +33,8 @@ def rates_from_attitude(time, quaternion, half_width=2, degree=4):
     time, q = check_increasing("rates_from_attitude: time", time), check_shape("quaternion", quaternion, (None, 4))
     width = 2 * half_width + 1
     if not (2 <= degree < width <= time.size == len(q)):
-        found = f"{time.size} epochs, {len(q)} attitudes, half_width {half_width}, degree {degree}"
-        refuse("rates_from_attitude", found, "2 <= degree < 2 half_width + 1 <= epochs", "Widen the arc.")
+        sizes = f"{time.size} epochs, {len(q)} attitudes, half_width {half_width}, degree {degree}"
+        refuse("rates_from_attitude", sizes, "2 <= degree < 2 half_width + 1 <= epochs", "Widen the arc.")
     window = np.clip(np.arange(time.size) - half_width, 0, time.size - width)[:, None] + np.arange(width)
     angle = frames.rotation_vector(frames.quaternion_product(frames.conjugate(q)[:, None], q[window]))
     lag = time[window] - time[:, None]

@@ -47,8 +47,8 @@ def field_e(time_gps, position_e, generation):
     if year.size == 0:
         return np.empty((0, 3))
     if not (year.min() >= epochs[0] and year.max() <= epochs[-1]):
-        found, expected = f"{year.min():.3f} to {year.max():.3f}", f"{epochs[0]:.0f} to {epochs[-1]:.0f}"
-        refuse(f"IGRF-{generation}", found, expected, "Choose another generation.", first=year.min(), last=year.max())
+        years, expected = f"{year.min():.3f} to {year.max():.3f}", f"{epochs[0]:.0f} to {epochs[-1]:.0f}"
+        refuse(f"IGRF-{generation}", years, expected, "Choose another generation.", first=year.min(), last=year.max())
     if not np.min(np.einsum("ij,ij->i", position, position)) > 1e12:
         refuse("position_e", "a point near the Earth's centre, or NaN", "an orbit in metres", "Check units and gaps.")
     interval = np.clip(np.searchsorted(epochs, year, side="right") - 1, 0, epochs.size - 2)
