@@ -108,16 +108,16 @@ def late_of_pair(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
     Those of both orbits alike are those of all others early. A lag is 0 where none stands out; star cameras are looked
     at in routine pointing. Products are "align" and "pointing" of kbr_phase_centre.
     """
-    lag, time, found = np.arange(-LONGEST_S, LONGEST_S + 1), pointed["time"].values, np.zeros(5)
+    lag, time, delays = np.arange(-LONGEST_S, LONGEST_S + 1), pointed["time"].values, np.zeros(5)
     place = np.arange(LONGEST_S + 1, time.size - LONGEST_S - 1, EVERY_S)
     if place.size < 2:
-        return found
+        return delays
     moved = moved_orbits(aligned)
     left = _rates_left(aligned, moved, place)
     tried = {w: functools.cache(lambda k, w=w: np.nanmean(left(w, k) ** 2)) for w in (0, 3, 4)}
     best = min(tried, key=lambda which: tried[which](_least(lag, tried[which])))  # the ranging if none is late
-    found[best] = _clear(lag, tried[best])
-    first, second = (moved(k, np.arange(time.size), int(late)) for k, late in enumerate(found[3:]))
+    delays[best] = _clear(lag, tried[best])
+    first, second = (moved(k, np.arange(time.size), int(late)) for k, late in enumerate(delays[3:]))
     between = (second - first) / np.linalg.norm(second - first, axis=1, keepdims=True)
     routine = place[~in_windows(time[place], _spans(pointed), MARGIN_S)]
     for k, toward in enumerate((between, -between)):
@@ -126,8 +126,8 @@ def late_of_pair(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
         if known.size:
             x = frames.R_bi_from_quaternion(quaternion[known])[:, 0]
             angle = 1 - np.nanmean(np.einsum("na,nla->nl", x, toward[known[:, None] - lag]), axis=0)
-            found[1 + k] = _clear(lag, dict(zip(lag, angle, strict=True)).get)
-    return found
+            delays[1 + k] = _clear(lag, dict(zip(lag, angle, strict=True)).get)
+    return delays
 
 
 def moved_orbits(aligned: xr.Dataset):
@@ -198,8 +198,8 @@ def off_orbit(time, quaternion, orbit_time, state_i, axis: int = 0) -> tuple[np.
     state = np.stack([np.interp(time, orbit_time, column) for column in state_i.T], axis=1)
     rate = np.linalg.norm(np.cross(state[:, :3], state[:, 3:]), axis=1) / np.sum(state[:, :3] ** 2, axis=1)
     above, _, along = np.matvec(frames.flight_frame(state), frames.R_bi_from_quaternion(quaternion)[:, axis]).T
-    sign, seen = np.sign(np.median(along)), abs(np.median(along)) > 0.5
-    return np.arctan2(sign * above, sign * along) * seen, rate
+    sign, parallel = np.sign(np.median(along)), abs(np.median(along)) > 0.5
+    return np.arctan2(sign * above, sign * along) * parallel, rate
 
 
 def _spans(pointed):

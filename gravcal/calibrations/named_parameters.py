@@ -50,18 +50,18 @@ def agreement(information: np.ndarray, right: np.ndarray) -> tuple[float, int]:
     return least_squares.disagreement(right, information, [np.zeros((right.shape[1], 0))] * len(right))
 
 
-def with_model_error(found: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
+def with_model_error(solved: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
     """Estimate with the errors of an extended model, from one Dataset moved along each direction of these errors."""
-    new = widened(found, moved, {"value": ("covariance",)})
-    return replaced(found, new | {"sigma": np.sqrt(np.diag(new["covariance"]))})
+    new = widened(solved, moved, {"value": ("covariance",)})
+    return replaced(solved, new | {"sigma": np.sqrt(np.diag(new["covariance"]))})
 
 
-def checks(found: xr.Dataset, agreement_p: float) -> list[Check]:
+def checks(solved: xr.Dataset, agreement_p: float) -> list[Check]:
     """Checks of a result: that something is determined, and that the parts agree with at least this probability."""
-    known = np.isfinite(found["value"].values)
+    known = np.isfinite(solved["value"].values)
     made = [at_least("parameters determined", known.sum(), 1, "1")]
-    dof = int(found["agreement_dof"])
+    dof = int(solved["agreement_dof"])
     if known.any() and dof > 0:
-        p = np.exp(float(log_tail(float(found["agreement_chi2"]), dof)))
+        p = np.exp(float(log_tail(float(solved["agreement_chi2"]), dof)))
         made.append(at_least("probability that the parts of the record agree so badly", p, agreement_p, "1"))
     return made

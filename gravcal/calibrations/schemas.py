@@ -71,11 +71,11 @@ def replaced(dataset: xr.Dataset, values: Mapping[str, np.ndarray]) -> xr.Datase
 
 
 def widened(
-    found: xr.Dataset, moved: Sequence[xr.Dataset], errors: Mapping[str, Sequence[str]], added: str = ""
+    solved: xr.Dataset, moved: Sequence[xr.Dataset], errors: Mapping[str, Sequence[str]], added: str = ""
 ) -> dict[str, np.ndarray]:
     """Errors that hold those of a model, {variable: array} for `replaced`; values if it adds some.
 
-    There is one moved Dataset of the kind of the found one for each direction of the errors; errors names, for a
+    There is one moved Dataset of the kind of the solved one for each direction of the errors; errors names, for a
     variable (..., p), those that hold its covariances (..., p, p) or standard deviations (..., p); added is JSON of the
     "correction" (p,) and "covariance" (p, p) that a search adds to the result, "" for none.
     """
@@ -83,10 +83,10 @@ def widened(
 
     new, more = {}, json.loads(added or "{}")
     for name, held in errors.items():
-        value, others = found[name].values, [one[name].values for one in moved]
+        value, others = solved[name].values, [one[name].values for one in moved]
         if more:
             new[name] = value + more["correction"]
-        for error in (found[one] for one in held):
+        for error in (solved[one] for one in held):
             if error.ndim == value.ndim:  # standard deviations
                 square = covariance_of_moves(value[..., None], [one[..., None] for one in others])[..., 0, 0]
                 new[error.name] = np.sqrt(error.values**2 + square)

@@ -198,10 +198,10 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
 
 def _outliers(name, time, values, flag, limit):
     """Flag of isolated outliers among the usable samples of an instrument; of a star camera beside a local cubic."""
-    found, usable = np.zeros_like(flag), np.flatnonzero(flag == 0)
+    outliers, usable = np.zeros_like(flag), np.flatnonzero(flag == 0)
     reach, weights, least = REACH.get(name, (0, None, 0.0))
     if not reach or usable.size < 2:
-        return found
+        return outliers
     values = values[usable] if name != "sca" else frames.continuous(values[usable])
     values = values[:, np.isfinite(values).all(axis=0)]
     apart = noise.isolated(values, reach, limit, weights, least)
@@ -209,8 +209,8 @@ def _outliers(name, time, values, flag, limit):
     whole = np.zeros(usable.size, dtype=bool)  # with all its neighbours
     span = time[usable][2 * reach :] - time[usable][: usable.size - 2 * reach]
     whole[reach : usable.size - reach] = span < (2 * reach + 0.5) * step
-    found[usable[apart & whole]] = OUTLIER
-    return found
+    outliers[usable[apart & whole]] = OUTLIER
+    return outliers
 
 
 def _spans(detected, acc, sca, mag, orbit, margin, survey):

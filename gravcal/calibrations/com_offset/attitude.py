@@ -177,7 +177,7 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
     A gap that forbids to use a manoeuvre leaves it without star camera. Products are "align" and "com_offset.field";
     inertia (3, 3) kg m2, per_current (3,) A m2 mA-1; full: with gravity-gradient torque.
     """
-    found = []
+    arcs = []
     for i in range(aligned.sizes["manoeuvre"]):
         count = int(np.isfinite(aligned["edge_lower"].values[i]).sum())
         lower, upper = aligned["edge_lower"].values[i, :count], aligned["edge_upper"].values[i, :count]
@@ -186,15 +186,15 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
         edges = edges if aligned["regular"][i] else _single_edges(lower, upper, aligned)
         wave = int(aligned["rod"][i]), edges, aligned["level"].values[i, : count - 1]
         ends = float(lower[0] - edges[0]), float(upper[0] - edges[0])
-        found.append((float(lower[0]), float(upper[-1]), wave, ends))
-    if not found:
+        arcs.append((float(lower[0]), float(upper[-1]), wave, ends))
+    if not arcs:
         start = float(aligned["window_start"][0])
         stop = min(start + SURVEY_S, float(aligned["time_sca"].values[-1]), float(aligned["time_orbit"].values[-1]))
-        found = [(start, stop, (-1, None, np.zeros(0)), (0.0, 0.0))]
+        arcs = [(start, stop, (-1, None, np.zeros(0)), (0.0, 0.0))]
     mag_time, acc_time = aligned["time_mag"].values, aligned["time_acc"].values
     orbit_time = field["time_orbit"].values
     made = []
-    for (origin, stop, (rod, edges, level), ends), gap in zip(found, aligned["gap"].values, strict=True):
+    for (origin, stop, (rod, edges, level), ends), gap in zip(arcs, aligned["gap"].values, strict=True):
         near = (mag_time > origin - 2) & (mag_time < stop + 2)
         current = np.nan_to_num(aligned["current_b"].values[near])
         breaks, dipole_b = dipole_history(edges, level, rod, mag_time[near], current, per_current)
@@ -290,7 +290,7 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
     Settings are those of the stage, with inertia and dipole_per_current.
     """
     full = settings["dynamics"] == "full"
-    found = windows(aligned, field, settings["inertia"], np.asarray(settings["dipole_per_current"]), full)
+    manoeuvres = windows(aligned, field, settings["inertia"], np.asarray(settings["dipole_per_current"]), full)
     choice = Choice(
         torque_degree=settings["torque_degree"] if full else -1,
         scale_sigma=settings["torque_scale_sigma"] if full else 0.0,
@@ -298,15 +298,15 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
         step_s=settings["integration_step_s"],
         iterations=settings["iteration_limit"],
     )
-    if found[0].rod < 0:  # nothing is calibrated: follow the controlled attitude, hold the torquers
+    if manoeuvres[0].rod < 0:  # nothing is calibrated: follow the controlled attitude, hold the torquers
         degree = max(choice.torque_degree, SURVEY_DEGREE)
         choice = replace(choice, torque_degree=degree, scale_sigma=0.0, shift_sigma=0.0)
     order = settings["attitude_noise_order"]
-    fits, noise = _fit_all(found, choice, order)
+    fits, noise = _fit_all(manoeuvres, choice, order)
     filters = {name: settings[name] for name in ("lowpass_hz", "half_width_s", "step_s")}
-    timings = _fit_timing(found, fits, aligned, filters, settings["calibration_drift_degree"], order)
+    timings = _fit_timing(manoeuvres, fits, aligned, filters, settings["calibration_drift_degree"], order)
     known = [  # of the manoeuvres with enough attitudes
-        (i, w, f, t) for i, (w, f, t) in enumerate(zip(found, fits, timings, strict=True)) if f is not None
+        (i, w, f, t) for i, (w, f, t) in enumerate(zip(manoeuvres, fits, timings, strict=True)) if f is not None
     ]
     moved = [_motion(w, f, t, aligned, noise, choice) for _, w, f, t in known]
     names = ("rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b")
@@ -318,28 +318,28 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
     }
     residuals = [(w.time[w.good], f.residual[w.good], np.full(w.good.sum(), i)) for i, w, f, _ in known]
     values |= {
-        "rod": [w.rod for w in found],
+        "rod": [w.rod for w in manoeuvres],
         "gap": aligned["gap"].values,
         "acc_manoeuvre": np.repeat([i for i, *_ in known], [one["time_acc"].size for one in moved]),
         "time_sca": np.concatenate([np.zeros(0), *(time for time, _, _ in residuals)]),
         "sca_residual_b": np.concatenate([np.zeros((0, 3)), *(angle for _, angle, _ in residuals)]),
         "sca_manoeuvre": np.concatenate([np.zeros(0), *(index for _, _, index in residuals)]),
     }
-    values |= _per_manoeuvre(len(found), known) | _delays(known, aligned)
+    values |= _per_manoeuvre(len(manoeuvres), known) | _delays(known, aligned)
     return build(SCHEMAS["attitude"], values, title="Attitude of the manoeuvres, fitted to the star camera")
 
 
-def _fit_all(found, choice, order):
+def _fit_all(manoeuvres, choice, order):
     """Fit of every window (None with too few attitudes), first with white noise, then with that of the residuals."""
     white = NoiseModel(np.zeros(0), np.array([3e-6**2]), 1.0)  # rad, only the start of the iteration
-    noise, fits, before = [white] * 3, [None] * len(found), np.inf
-    usable = [k for k, w in enumerate(found) if w.good.sum() >= 8]
-    order = min(order, max(FEW_ORDER, sum(int(found[k].good.sum()) for k in usable) // SAMPLES_PER_ORDER))
+    noise, fits, before = [white] * 3, [None] * len(manoeuvres), np.inf
+    usable = [k for k, w in enumerate(manoeuvres) if w.good.sum() >= 8]
+    order = min(order, max(FEW_ORDER, sum(int(manoeuvres[k].good.sum()) for k in usable) // SAMPLES_PER_ORDER))
     removed = sum(size for size, _ in _unknowns(choice).values()) * len(usable) // 3
     for _ in range(3 if usable else 0):
         for k in usable:
-            fits[k] = fit_attitude(found[k], noise, choice, None if fits[k] is None else fits[k].solution)
-        residuals = [np.where(found[k].good[:, None], fits[k].residual, np.nan) for k in usable]
+            fits[k] = fit_attitude(manoeuvres[k], noise, choice, None if fits[k] is None else fits[k].solution)
+        residuals = [np.where(manoeuvres[k].good[:, None], fits[k].residual, np.nan) for k in usable]
         noise = [fit_noise([one[:, axis] for one in residuals], order, 1.0, removed=removed) for axis in range(3)]
         reflection = np.concatenate([one.reflection for one in noise])
         if np.abs(reflection - before).max(initial=0.0) < SETTLED:
@@ -348,14 +348,14 @@ def _fit_all(found, choice, order):
     return fits, noise
 
 
-def _fit_timing(found, fits, aligned, filters, degree, order):
+def _fit_timing(manoeuvres, fits, aligned, filters, degree, order):
     """Wave in the angular acceleration of every manoeuvre with the noise of its residuals; None where there is none."""
     time, angular = aligned["time_acc"].values, aligned["angular_b"].values
     good = (aligned["acc_flag"].values == 0) & np.isfinite(angular).all(axis=1)
     noise, timings = [NoiseModel(np.zeros(0), np.array([1e-16]), 0.5)] * 3, []
     for _ in range(2):
-        read = [(time[w.acc], angular[w.acc], good[w.acc], noise, filters, degree) for w in found]
-        timings = [_timing(w, f, *one) for w, f, one in zip(found, fits, read, strict=True)]
+        read = [(time[w.acc], angular[w.acc], good[w.acc], noise, filters, degree) for w in manoeuvres]
+        timings = [_timing(w, f, *one) for w, f, one in zip(manoeuvres, fits, read, strict=True)]
         residuals = [t.residual for t in timings if t is not None]
         if not residuals:
             break
@@ -390,8 +390,8 @@ def _motion(window, fit, timing, aligned, noise, choice):
     time = aligned["time_acc"].values[window.acc]
     at = np.clip(time - (0.0 if timing is None else timing.shift), arc.origin, None)
     width = 0.0 if timing is not None and timing.momentary else float(np.median(np.diff(time)))
-    given = at, fit.solution.state, torque_of(arc, fit.solution)
-    quaternion, rate, rate_dot = dynamics.integrate(*given, max_step=choice.step_s)
+    motion = at, fit.solution.state, torque_of(arc, fit.solution)
+    quaternion, rate, rate_dot = dynamics.integrate(*motion, max_step=choice.step_s)
     field_b = field_at(window, fit, at)
     # what the integrator put into the angular acceleration at each epoch, with the fitted scale, makes room for means
     torque = fit.solution.scale_b * np.cross(dipole_at(arc, at, shift), field_b)
@@ -461,11 +461,11 @@ def _delays(known, aligned):
 
 def _unknowns(choice: Choice) -> dict[str, tuple[int, float]]:
     """Unknowns in the order of the columns: {group: (how many, inverse variance of each by its prior)}."""
-    found = {"angle": (3, 0.0), "rate": (3, 0.0)}
+    groups = {"angle": (3, 0.0), "rate": (3, 0.0)}
     if choice.torque_degree >= 0:
-        found["slow"] = 3 * (choice.torque_degree + 1), LOOSE_TORQUE**-2.0
-    found |= {"torque": (3, choice.scale_sigma**-2.0)} if choice.scale_sigma > 0 else {}
-    return found | ({"shift": (1, choice.shift_sigma**-2.0)} if choice.shift_sigma > 0 else {})
+        groups["slow"] = 3 * (choice.torque_degree + 1), LOOSE_TORQUE**-2.0
+    groups |= {"torque": (3, choice.scale_sigma**-2.0)} if choice.scale_sigma > 0 else {}
+    return groups | ({"shift": (1, choice.shift_sigma**-2.0)} if choice.shift_sigma > 0 else {})
 
 
 def first_guess(arc: Arc, time: np.ndarray, quaternion: np.ndarray, degree: int) -> Solution:
@@ -491,8 +491,8 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
     prior = np.repeat([weight for _, weight in unknowns.values()], [size for size, _ in unknowns.values()])
     previous, slow = np.inf, None
     for _ in range(max(choice.iterations, 1)):
-        given = window.time, solution.state, torque_of(arc, solution)
-        modelled, _, _, sensitivity = dynamics.integrate_with_sensitivity(*given, max_step=choice.step_s)
+        motion = window.time, solution.state, torque_of(arc, solution)
+        modelled, _, _, sensitivity = dynamics.integrate_with_sensitivity(*motion, max_step=choice.step_s)
         residual = frames.attitude_error(window.quaternion, modelled)
         parts = dict(zip(("angle", "rate", "torque", "shift"), np.split(sensitivity[:, :3], [3, 6, 9], 2), strict=True))
         if slow is None and "slow" in unknowns:  # stays as it is
@@ -583,22 +583,22 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
         if abs(unknown[3]) < 1e-5:
             break
     size = np.linalg.norm(design[:, :3], axis=0)
-    seen = size > 1e-6 * size.max(initial=1e-300)
+    turned = size > 1e-6 * size.max(initial=1e-300)
     near = [] if between is None else between(shift)
     waves = [operator(wave(one, momentary=True)) for one in near]
     own = rows(np.stack([y, operator(wave(shift)), *waves], axis=2))
     square = np.array([np.sum(one[:, 1:] ** 2, axis=0) for one in own])
     product = np.array([one[:, 0] @ one[:, 1:] for one in own])
-    gain = np.sum(product[seen] ** 2 / square[seen], axis=0)
+    gain = np.sum(product[turned] ** 2 / square[turned], axis=0)
     gain[1:] += 2.0  # the smooth wave has its shift as one parameter more
     best = int(np.argmax(gain))
     if best:
         shift, model = float(near[best - 1]), waves[best - 1]
-        scale = np.where(seen, product[:, best] / np.where(seen, square[:, best], 1.0), 1.0)
+        scale = np.where(turned, product[:, best] / np.where(turned, square[:, best], 1.0), 1.0)
     sigma = np.sqrt(np.clip(np.diag(inverse), 0.0, None))
     residual = np.full_like(y, np.nan)
     residual[operator.valid] = without(drift[operator.valid], np.nan_to_num((y - model * scale)[operator.valid]))
-    scale, scale_sigma = np.where(seen, scale, 1.0), np.where(seen, sigma[:3], np.inf)
+    scale, scale_sigma = np.where(turned, scale, 1.0), np.where(turned, sigma[:3], np.inf)
     return WaveFit(shift, float(sigma[3]), scale, scale_sigma, residual, best > 0)
 
 
@@ -654,8 +654,8 @@ def fit_star_camera_wave(window: Window, fit: Fit, noise: list[NoiseModel], degr
     their covariance, ordered (shape, axis).
     """
     arc, rod, solution = window.arc, window.rod, fit.solution
-    given = window.time, solution.state, torque_of(arc, solution)
-    _, _, _, sensitivity = dynamics.integrate_with_sensitivity(*given, max_step=1.0)
+    motion = window.time, solution.state, torque_of(arc, solution)
+    _, _, _, sensitivity = dynamics.integrate_with_sensitivity(*motion, max_step=1.0)
     transition = sensitivity[:, :, :6]
 
     def basis(at):

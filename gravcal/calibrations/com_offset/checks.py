@@ -45,7 +45,7 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
         values = np.concatenate([aligned[n].values[usable] for n in names], axis=1)
         values, tags = values[:, np.isfinite(values).any(axis=0)], aligned[f"time_{sensor}"].values[usable]
         longest += [checking.longest_constant(tags, values, STEP_LIMIT_S)] if values.size else []
-    found = [
+    checks = [
         at_most("position against velocity", _misfit(*derivative, piece), limits["velocity_limit_m_s"], "m s-1"),
         at_most("velocity against gravity", _misfit(*pull, piece), limits["gravity_limit_m_s2"], "m s-2"),
         at_most("orbit products", apart, limits["orbit_limit_m"], "m"),
@@ -57,7 +57,7 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
         at_most("unchanged readings", np.fmax.reduce(longest), limits["unchanged_limit_s"], "s"),
         *_motion(smoothed, late(aligned), limits),
     ]
-    return checking.product([one for one in found if not np.isnan(one.value)])
+    return checking.product([one for one in checks if not np.isnan(one.value)])
 
 
 def _misfit(time, size, piece_s):
@@ -150,31 +150,31 @@ def late(aligned: xr.Dataset) -> dict[str, int]:
     frequency = np.fft.rfftfreq(2 * time.size, 1.0)
     weight = ((frequency > BAND_HZ[0]) & (frequency < BAND_HZ[1]))[:, None]
     most = min(APART_S, time.size - 1)
-    found = {name: timing.lag(spectra[name], spectra["mag"], most, NEAR_S, weight) for name in known if name != "mag"}
-    far = {name: lag for name, lag in found.items() if abs(lag) > LATE_S}
+    lags = {name: timing.lag(spectra[name], spectra["mag"], most, NEAR_S, weight) for name in known if name != "mag"}
+    far = {name: lag for name, lag in lags.items() if abs(lag) > LATE_S}
     return {"mag": -far["acc"]} if len(far) == 2 and abs(far["acc"] - far["sca"]) <= 1 else far
 
 
 def _motion(smoothed, far, limits):
     """Star camera and angular accelerometer against the motion that the torquers make."""
     known = {name: smoothed[name].values for name in smoothed.variables}
-    limit, found = limits["scale_limit"], []
+    limit, checks = limits["scale_limit"], []
     for name, said in (("torque", "star camera over torquers"), ("angular", "angular accelerometer over torquers")):
-        seen = (known[f"{name}_scale_sigma"] < limit / 5) & (known["rod"] >= 0)[:, None]
-        off = np.abs(known[f"{name}_scale"] - 1)[seen]
-        found.append(at_most(f"{said}, from one", largest(off), limit, "1"))
+        determined = (known[f"{name}_scale_sigma"] < limit / 5) & (known["rod"] >= 0)[:, None]
+        off = np.abs(known[f"{name}_scale"] - 1)[determined]
+        checks.append(at_most(f"{said}, from one", largest(off), limit, "1"))
     # scale of the angular accelerometer over that of the star camera, from one; the torque that they share drops out
     limit = limits["angular_limit"]
     size = np.maximum(np.hypot(known["torque_scale_sigma"], known["angular_scale_sigma"]), 1e-6)
-    seen = (known["rod"] >= 0)[:, None] & (size < limit / 2) & (known["torque_scale"] != 0)
-    off = np.divide(known["angular_scale"], known["torque_scale"], out=np.ones_like(size), where=seen) - 1
-    weight = np.where(seen, size**-2, 0.0)
+    determined = (known["rod"] >= 0)[:, None] & (size < limit / 2) & (known["torque_scale"] != 0)
+    off = np.divide(known["angular_scale"], known["torque_scale"], out=np.ones_like(size), where=determined) - 1
+    weight = np.where(determined, size**-2, 0.0)
     total = np.maximum(weight.sum(axis=0), 1e-300)
     off = largest(np.where(total > (4 / limit) ** 2, np.abs(np.sum(weight * off, axis=0)) / total, np.nan))
-    found.append(at_most("angular accelerometer over star camera, from one", off, limits["angular_limit"], "1"))
+    checks.append(at_most("angular accelerometer over star camera, from one", off, limits["angular_limit"], "1"))
     rms = 1e6 * largest(known["residual_rms"])
-    found.append(at_most("star camera against dynamics, rms", rms, limits["attitude_limit_urad"], "urad"))
+    checks.append(at_most("star camera against dynamics, rms", rms, limits["attitude_limit_urad"], "urad"))
     for name, said in (("acc", "accelerometer"), ("sca", "star camera")):
         size = max(largest(np.abs(known[f"{name}_delay"])), abs(far.get(name, far.get("mag", 0))))
-        found.append(at_most(f"delay of the {said}", size, limits["delay_limit_s"], "s"))
-    return found
+        checks.append(at_most(f"delay of the {said}", size, limits["delay_limit_s"], "s"))
+    return checks

@@ -85,13 +85,13 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
     CoM paper eqs. 3-6 with generalised weights; erratum C-12 for the weights and the operator. Given are
     "com_offset.equations" and "com_offset.noise".
     """
-    given = arrays(resampled)
+    equations = arrays(resampled)
     settings = settings | {"step_s": float(resampled.attrs["step_s"])}
     noise, source = [], measured.attrs["source_of_noise"].replace("none", "residuals")
     if source != "residuals":
         pairs = zip(measured["reflection"].values, measured["variance"].values, strict=True)
         noise = [NoiseModel(*pair, float(measured.attrs["step_s"])) for pair in pairs]
-    blocks = [_block(given, i, settings) for i in range(resampled.sizes["manoeuvre"])]
+    blocks = [_block(equations, i, settings) for i in range(resampled.sizes["manoeuvre"])]
     if not noise:
         noise = _residual_noise(blocks, settings)
     level = measured["level"].values
@@ -100,12 +100,12 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
     scores = [None if w is None else w["score"] for w in whitened]
     values = _values(blocks, whitened, scores, _joint_offset(scores), resampled.sizes["mode_index"])
     density = np.array([n.density(FREQUENCY) for n in noise]) if noise else np.full((3, FREQUENCY.size), np.nan)
-    return product(values | {"noise_density": density}, given, resampled.attrs["variant"], source)
+    return product(values | {"noise_density": density}, equations, resampled.attrs["variant"], source)
 
 
-def product(values, given, variant: str, source: str) -> xr.Dataset:
+def product(values, place, variant: str, source: str) -> xr.Dataset:
     """Product of a solution."""
-    kept = {n: given[n] for n in ("kind", "start", "stop", "latitude", "mode_shared", "mode_catalogue")}
+    kept = {n: place[n] for n in ("kind", "start", "stop", "latitude", "mode_shared", "mode_catalogue")}
     attrs = {"variant": variant, "direction": "proof_mass_to_com", "noise_source": source}
     return build(SCHEMAS["solve"], values | kept | {"frequency": FREQUENCY}, **attrs)
 
@@ -120,25 +120,25 @@ def _joint_offset(scores):
 
     A component that nothing determines stays near zero by a loose prior, so that it does not enlarge these errors.
     """
-    seen = [s for s in scores if s is not None]
-    if not seen:
+    known = [s for s in scores if s is not None]
+    if not known:
         return np.full(3, np.nan)
-    return least_squares.stable_inverse(sum(s.normal for s in seen) + PRIOR) @ sum(s.right for s in seen)
+    return least_squares.stable_inverse(sum(s.normal for s in known) + PRIOR) @ sum(s.right for s in known)
 
 
-def _block(given, index, settings):
+def _block(equations, index, settings):
     """Reading, columns, instruments, modes and drift of one manoeuvre; None without epochs."""
-    inside = slice(*np.searchsorted(given["grid_manoeuvre"], [index, index + 1]))
+    inside = slice(*np.searchsorted(equations["grid_manoeuvre"], [index, index + 1]))
     if inside.stop == inside.start:
         return None
-    time, still = given["epoch"][inside], given["still"][inside]
-    driven, modes = given["driven_b"][:, inside], given["mode"][:, inside]
-    rate_dot = np.concatenate([given["rate_dot_b"][None, inside], driven, modes])
+    time, still = equations["epoch"][inside], equations["still"][inside]
+    driven, modes = equations["driven_b"][:, inside], equations["mode"][:, inside]
+    rate_dot = np.concatenate([equations["rate_dot_b"][None, inside], driven, modes])
     turning = list(-sensing.rotation_tensor(np.zeros(3), rate_dot))
     return {
         "time": time,
-        "valid": given["valid"][inside].astype(bool),
-        "reading": given["reading"][inside],
+        "valid": equations["valid"][inside].astype(bool),
+        "reading": equations["reading"][inside],
         "design": still + turning[0],
         "instruments": still + turning[1] if len(driven) else None,
         "modes": turning[1 + len(driven) :],
@@ -158,12 +158,12 @@ def _whitened(block, noise):
         turned = whiten(noise[a], np.concatenate([columns[:, a], drift], axis=1), valid)
         white.append(least_squares.without(turned[:, columns.shape[2] :], turned[:, : columns.shape[2]]))
     reading, *parts = np.split(np.concatenate(white), np.arange(1, columns.shape[2], 3), axis=1)
-    found = {"reading": reading[:, 0], "design": parts.pop(0)}
-    found["instruments"] = None if block["instruments"] is None else parts.pop(0)
+    whitened = {"reading": reading[:, 0], "design": parts.pop(0)}
+    whitened["instruments"] = None if block["instruments"] is None else parts.pop(0)
     none = np.zeros((len(reading), 0))
-    found["score"] = least_squares.score(found["reading"], found["design"], none, found["instruments"])
+    whitened["score"] = least_squares.score(whitened["reading"], whitened["design"], none, whitened["instruments"])
     rows = 3 * int(valid.sum())
-    return found | {"modes": parts, "rows": rows, "dof": rows - 3 * drift.shape[1]}
+    return whitened | {"modes": parts, "rows": rows, "dof": rows - 3 * drift.shape[1]}
 
 
 def _residual_noise(blocks, settings):
@@ -310,30 +310,30 @@ def _selected(solved):
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     mean, error = published_mean(solved["kind"].values, solved["latitude"].values, solved["offset"].values, sigma)
     total = np.diag(np.where(np.isfinite(error), error, np.inf) ** 2)
-    found = dict.fromkeys(("covariance", "covariance_total", "noise"), total)
-    return found | {"offset": mean, "catalogue": np.zeros((0, 3)), "own": np.zeros((3, 3)), "chi2": 0.0, "dof": 0}
+    errors = dict.fromkeys(("covariance", "covariance_total", "noise"), total)
+    return errors | {"offset": mean, "catalogue": np.zeros((0, 3)), "own": np.zeros((3, 3)), "chi2": 0.0, "dof": 0}
 
 
 def _joint(solved):
     """Combination of the manoeuvres of one angular acceleration with its mode errors."""
     shared = solved["mode_shared"].values.astype(bool)
     catalogue = solved["mode_catalogue"].values.astype(bool)[shared]
-    seen = np.flatnonzero(np.isfinite(solved["offset"].values).all(axis=1))
-    if not seen.size:
+    known = np.flatnonzero(np.isfinite(solved["offset"].values).all(axis=1))
+    if not known.size:
         nothing = {"offset": np.full(3, np.nan), "catalogue": np.zeros((catalogue.sum(), 3)), "chi2": 0.0, "dof": 0}
         return nothing | dict.fromkeys(("covariance", "covariance_total", "noise", "own"), np.full((3, 3), np.inf))
-    parts = [solved[n].values[seen] for n in ("right", "normal", "information")]
+    parts = [solved[n].values[known] for n in ("right", "normal", "information")]
     scores = [least_squares.Score(*part) for part in zip(*parts, strict=True)]
-    shift = solved["mode_shift"].values[seen]
+    shift = solved["mode_shift"].values[known]
     joined = least_squares.combine(scores, list(shift[:, ~shared]), list(shift[:, shared]), PRIOR)
-    measured, given = joined.shift[~catalogue], joined.shift[catalogue]
+    measured, catalogued = joined.shift[~catalogue], joined.shift[catalogue]
     total = joined.covariance + measured.T @ measured
-    found = {name: getattr(joined, name) for name in ("noise", "own", "chi2", "dof")}
-    return found | {
+    fit = {name: getattr(joined, name) for name in ("noise", "own", "chi2", "dof")}
+    return fit | {
         "offset": joined.value,
         "covariance": total,
-        "covariance_total": total + given.T @ given,
-        "catalogue": given,
+        "covariance_total": total + catalogued.T @ catalogued,
+        "catalogue": catalogued,
     }
 
 
@@ -485,9 +485,9 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
         return build(SCHEMAS["noise"], values, source_of_noise="none", step_s=step, order=0)
     silent = [axis for axis, size in zip("xyz", np.nanmax(np.abs(reading), axis=0), strict=True) if size < SILENT]
     if silent:
-        found, remedy = f"the same reading for {seconds:.0f} s", "Fetch ACC1A again, or take another day."
+        symptom, remedy = f"the same reading for {seconds:.0f} s", "Fetch ACC1A again, or take another day."
         where = f"linear acceleration along {', '.join(silent)}"
-        refuse(where, found, "noise of 1e-10 m s-2", remedy, EstimationError, axes=silent)
+        refuse(where, symptom, "noise of 1e-10 m s-2", remedy, EstimationError, axes=silent)
     cuts, quiet_parts = np.flatnonzero(np.diff(pieces["piece"].values)) + 1, []
     for grid, own in zip(np.split(pieces["epoch"].values, cuts), np.split(reading.copy(), cuts), strict=True):
         valid = np.isfinite(own[:, 0])
@@ -498,6 +498,6 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
     models = [fit_noise([part[:, axis] for part in quiet_parts], noise_order, step, removed) for axis in range(3)]
     values |= {name: np.array([getattr(model, name) for model in models]) for name in ("reflection", "variance")}
     values["density"] = np.array([model.density(FREQUENCY) for model in models])
-    found = levels(models, quiet_parts, [drift_degree + 1] * len(quiet_parts), pieces["near"].values, count)
-    values |= {"level": found.value, "level_error": found.error}
+    amplitudes = levels(models, quiet_parts, [drift_degree + 1] * len(quiet_parts), pieces["near"].values, count)
+    values |= {"level": amplitudes.value, "level_error": amplitudes.error}
     return build(SCHEMAS["noise"], values, source_of_noise="quiet data", step_s=step, order=models[0].reflection.size)

@@ -147,8 +147,8 @@ def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
     tau, lead = _tau(entry), known_lead(one, entry)
     if not tau > 0:
         return {}
-    found = signal(one, tau, [usual_lead(tau) if lead is None else lead])
-    return {channel: values[:, :, 0] for channel, values in found.items()}
+    added = signal(one, tau, [usual_lead(tau) if lead is None else lead])
+    return {channel: values[:, :, 0] for channel, values in added.items()}
 
 
 def _tau(entry):

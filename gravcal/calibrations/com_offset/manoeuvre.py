@@ -142,9 +142,9 @@ def manoeuvres(aligned: xr.Dataset, field_: xr.Dataset, smoothed: xr.Dataset, of
     {channel: Measured} may be completed later; settings as of `observations.observe`.
     """
     per_current = np.asarray(settings["dipole_per_current"])
-    found = motion.windows(aligned, field_, settings["inertia"], per_current, settings["dynamics"] == "full")
-    settings = settings | {"largest_dipole": max((float(np.abs(w.arc.dipole_b).max()) for w in found), default=0.0)}
-    made = [_manoeuvre((aligned, field_, smoothed), i, w, (offset, noise), settings) for i, w in enumerate(found)]
+    windows = motion.windows(aligned, field_, settings["inertia"], per_current, settings["dynamics"] == "full")
+    settings = settings | {"largest_dipole": max((float(np.abs(w.arc.dipole_b).max()) for w in windows), default=0.0)}
+    made = [_manoeuvre((aligned, field_, smoothed), i, w, (offset, noise), settings) for i, w in enumerate(windows)]
     return [one for one in made if one is not None]
 
 
@@ -154,13 +154,13 @@ def _manoeuvre(products, index, window, estimates, settings):
     shift = float(smoothed["sca_shift"].values[index])
     if smooth.size < 200 or window.rod < 0 or not np.isfinite(shift):
         return None
-    seen = float(np.nan_to_num(smoothed["acc_shift"].values[index], nan=shift))
+    acc_shift = float(np.nan_to_num(smoothed["acc_shift"].values[index], nan=shift))
     time = smoothed["time_acc"].values[smooth]
     rows = np.searchsorted(aligned["time_acc"].values, time)
     good = aligned["acc_flag"].values[rows] == 0
     good &= np.isfinite(aligned["linear_b"].values[rows]).all(axis=1)
     good &= np.isfinite(aligned["angular_b"].values[rows]).all(axis=1)
-    first, last = window.arc.edges[[0, -1]] + seen
+    first, last = window.arc.edges[[0, -1]] + acc_shift
     filters = (settings["lowpass_hz"], settings["half_width_s"], settings["step_s"])
     operator = operator_for(time, good, max(first, time[0]), min(last, time[-1]), *filters)
     if operator.valid.sum() < 60:
@@ -188,13 +188,13 @@ def _manoeuvre(products, index, window, estimates, settings):
         stop=aligned["stop"].values,
         extra={name: settings[name] for name in ("mass", "largest_dipole")},
     )
-    context = _context(window, seen, bare, orbit, time)
+    context = _context(window, acc_shift, bare, orbit, time)
     torque = np.cross(context.dipole_b, context.field_b)
     rate_dot = smoothed["smooth_b"].values[smooth] + np.linalg.solve(context.inertia_b, torque.T).T
     context = replace(context, rate_dot_b=rate_dot, angular_b=rate_dot)
     offset, noise = estimates
     sampled = at_one_hertz(field_, *window.arc.edges[[0, -1]])
-    about = sensitivity[:, :, :6], local, sensitivity[:, :3, 6:9], shift, seen
+    about = sensitivity[:, :, :6], local, sensitivity[:, :3, 6:9], shift, acc_shift
     start, stop = aligned["start"].values, aligned["stop"].values  # pads reach up to half way to the next manoeuvre
     begin = [first - PADS_S, *((stop[stop < first] + first) / 2), aligned["window_start"].values[index]]
     end = [last + PADS_S, *((start[start > last] + last) / 2), aligned["window_stop"].values[index]]
@@ -399,9 +399,9 @@ def _measured(pieces, columns, orders, near, count):
         return Measured([[]] * count, np.zeros((count, 3)))
     clean, lost = noises.beside(pieces, columns), [one.shape[2] / 3 for one in columns]
     models = noises.fit_detrended(pieces, clean, *orders)
-    found = noises.levels(models, [clean(piece, index) for index, piece in enumerate(pieces)], lost, near, count)
-    louder = [[m.louder(f) for m, f in zip(models, row, strict=True)] for row in found.value]
-    return Measured(louder, found.error)
+    levels = noises.levels(models, [clean(piece, index) for index, piece in enumerate(pieces)], lost, near, count)
+    louder = [[m.louder(f) for m, f in zip(models, row, strict=True)] for row in levels.value]
+    return Measured(louder, levels.error)
 
 
 def _drifts(pieces, degree):

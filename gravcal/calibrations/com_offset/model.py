@@ -142,11 +142,11 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
             _, rate_dot = kinematics.published_rates_from_attitude(at, attitudes)
             inside = np.isfinite(rate_dot).all(axis=1)
             value = np.stack([np.interp(time, at[inside], c) for c in rate_dot[inside].T], axis=1)
-        modes, shared, given = np.zeros((0, time.size, 3)), 0, 0
+        modes, shared, catalogued = np.zeros((0, time.size, 3)), 0, 0
         scale, sigma, ratio, attrs = np.ones(3), np.zeros(3), np.ones(3), {"method": "published"}
     else:
         scale, sigma = _angular_scale(smoothed)
-        value, modes, shared, given = _with_modes(smoothed, measured, scale, sigma, settings)
+        value, modes, shared, catalogued = _with_modes(smoothed, measured, scale, sigma, settings)
         ratio, attrs = _ratio(variant, scale, smoothed), {}
     index = np.arange(len(modes))
     values = {
@@ -155,7 +155,7 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
         "rate_dot_b": value,
         "mode": modes,
         "mode_shared": index < shared,
-        "mode_catalogue": (index >= shared - given) & (index < shared),
+        "mode_catalogue": (index >= shared - catalogued) & (index < shared),
         "ratio": ratio,
         "scale": scale,
         "scale_sigma": sigma,
@@ -206,9 +206,9 @@ def _angular_scale(smoothed):
     weight = np.where(np.isfinite(sigma) & (sigma > 0) & np.isfinite(ratio), 1 / np.maximum(sigma, 1e-12) ** 2, 0.0)
     total = weight.sum(axis=0)
     mean = np.sum(weight * np.nan_to_num(ratio), axis=0) / np.where(total > 0, total, 1)
-    seen = (total > 0.2**-2) & (np.abs(mean) > 0.2)
-    scale = np.where(seen, 1 / np.where(seen, mean, 1), 1.0)
-    return scale, np.where(seen, scale**2 / np.sqrt(np.where(total > 0, total, 1)), np.inf)
+    turned = (total > 0.2**-2) & (np.abs(mean) > 0.2)
+    scale = np.where(turned, 1 / np.where(turned, mean, 1), 1.0)
+    return scale, np.where(turned, scale**2 / np.sqrt(np.where(total > 0, total, 1)), np.inf)
 
 
 def equations(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **settings) -> xr.Dataset:

@@ -224,7 +224,7 @@ def _late(aligned, late, order):
     places = [np.arange(max(int(start), 0), min(int(stop), most)) for start, stop in zip(*ends, strict=True)]
     _, made = checks.turning(aligned)
     made = {name: one - np.nanmean(one, axis=0) for name, one in made.items()}
-    found = [[] for _ in places]
+    whitened = [[] for _ in places]
     for name, lag_s in lags.items():
         then = np.roll(made["mag"], lag_s, axis=0)
         near = np.concatenate([np.roll(then, step, axis=0) for step in (-1, 0, 1)], axis=1)
@@ -238,10 +238,10 @@ def _late(aligned, late, order):
             for one, rest, place in zip(each, left, places, strict=True):
                 rest[good[place]] = without(one[good[place], 2:], one[good[place], 0] - lag_s * one[good[place], 1])
             noise = fit_noise(left, order, 1.0, 11 * len(left))
-            for mine, one, place in zip(found, each, places, strict=True):
+            for mine, one, place in zip(whitened, each, places, strict=True):
                 mine.append(whiten(noise, np.nan_to_num(one), good[place]))
     channels, blocks, columns = [FAR[name][0] for name in lags], [], {FAR[name][1]: [] for name in late}
-    for number, (place, rows) in enumerate(zip(places, found, strict=True), 1):
+    for number, (place, rows) in enumerate(zip(places, whitened, strict=True), 1):
         whole, local = np.concatenate(rows), block_diag(*(one[:, 2:] for one in rows))
         about = np.repeat(channels, 3 * place.size), np.tile(np.repeat([0, 1, 2], place.size), len(lags))
         about = *about, np.tile(np.floor(first) + place, len(rows))

@@ -46,11 +46,11 @@ def report(*products, event, satellite, settings, published):
     named = dict(zip(SINGLE, (products[0], *products[9:]), strict=True))
     named |= {f"solve.{one.attrs['variant']}": one for one in products[1:5]}
     named |= {f"angular_acceleration.{one.attrs['variant']}": one for one in products[5:9]}
-    found = result(named, settings)
+    body = result(named, settings)
     checks = of_product(named["checks"])
-    if "consistency" in found:
-        checks += result_checks(named["combine"], found["consistency"], settings)
-    document = documents.delivered("com_offset", found, named, checks, event=event, settings=settings)
+    if "consistency" in body:
+        checks += result_checks(named["combine"], body["consistency"], settings)
+    document = documents.delivered("com_offset", body, named, checks, event=event, settings=settings)
     line = vcm_line(document, satellite)
     records = {section: [SimpleNamespace(**one) for one in own] for section, own in published.items()}
     files = {"result.json": documents.text(document)} | ({"result.vcm": line + "\n"} if line else {})
@@ -119,19 +119,19 @@ def sections(document, published):
 def badges(document):
     """The four answers in words: what was delivered, requirement, accuracy, consistency; (title, good, text) each."""
     verdict, adopted, status = document["verdict"], document["adopted"]["variant"], document["status"]
-    found = [(status, status == "delivered", f"adopted: {adopted or 'no variant'}")]
+    answers = [(status, status == "delivered", f"adopted: {adopted or 'no variant'}")]
     if "requirement" in verdict:
         within, tests = verdict["requirement"], document["consistency"]
         good = False if "exceeds" in within else True if set(within) == {"within"} else None
         said = ", ".join(f"{axis} {word}" for axis, word in zip(AXES, within, strict=True))
         errors = ", ".join(signed(sigma, 1) for sigma in document["variants"][adopted]["sigma_total_um"])
         agree = f"manoeuvres {tests['manoeuvres']['verdict']}, angular acc. {tests['variants']['verdict']}"
-        found += [
+        answers += [
             (f"offset ≤ {verdict['requirement_um']:g} µm", good, said),
             (f"accuracy ≤ {verdict['accuracy_um']:g} µm", verdict["accuracy_met"], f"total error x, y, z: {errors} µm"),
             ("consistent", verdict["consistent"], agree),
         ]
-    return found
+    return answers
 
 
 # Document
@@ -199,13 +199,13 @@ def result(products, settings):
 
 def variants(combined):
     """Combined offset of every angular acceleration, {variant: block of the document}."""
-    found = {}
+    blocks = {}
     for index, name in enumerate(combined.attrs["variants"].split()):
         offset, determined = combined["offset"].values[index], combined["determined"].values[index]
         block = plain.offset_block(offset, combined["covariance"].values[index], determined)
         total = plain.offset_block(offset, combined["covariance_total"].values[index], determined)
-        found[name] = block | {"sigma_total_um": total["sigma_um"], "covariance_total_um2": total["covariance_um2"]}
-    return found
+        blocks[name] = block | {"sigma_total_um": total["sigma_um"], "covariance_total_um2": total["covariance_um2"]}
+    return blocks
 
 
 def manoeuvres(combined, detected, smoothed, field, settings):
@@ -224,13 +224,13 @@ def manoeuvres(combined, detected, smoothed, field, settings):
         offset, covariance, determined, chi2, dof = (joint[f"manoeuvre_{key}"][variant, index] for key in keys)
         return plain.offset_block(offset, covariance, determined) | {"fit": plain.chi_square_test(chi2, dof)}
 
-    found = []
+    entries = []
     for i in range(detected.sizes["manoeuvre"]):
         middle = (wave["start"][i] + wave["stop"][i]) / 2
         latitude = None  # geocentric, where the orbit is known
         if orbit.size and orbit[0] <= middle <= orbit[-1]:
             latitude = float(np.interp(middle, orbit, field["latitude"].values))
-        found.append(
+        entries.append(
             {
                 "kind": KINDS[int(joint["kind"][i])],
                 "start": float(joint["start"][i]),
@@ -248,7 +248,7 @@ def manoeuvres(combined, detected, smoothed, field, settings):
                 "variants": {name: single(variant, i) for variant, name in enumerate(names)},
             }
         )
-    return found
+    return entries
 
 
 def scales(smoothed, settings):
@@ -257,14 +257,14 @@ def scales(smoothed, settings):
     They are null where no manoeuvre turns the axis; `torque_scale_sigma` of the settings is the prior.
     """
     limits = {"angular": ANGULAR_LIMIT, "torque": SCALE_SHARE * float(settings["torque_scale_sigma"])}
-    found = {}
+    means = {}
     for name, limit in limits.items():
         values, sigmas = smoothed[f"{name}_scale"].values, smoothed[f"{name}_scale_sigma"].values
         known = np.isfinite(values) & (sigmas > 0) & (sigmas < limit)
         weight = np.where(known, 1 / np.where(known, sigmas, 1.0) ** 2, 0.0)
         total = np.where(known.any(axis=0), weight.sum(axis=0), np.nan)
-        found[name] = plain.estimate(np.sum(weight * np.where(known, values, 0.0), axis=0) / total, 1 / np.sqrt(total))
-    return found
+        means[name] = plain.estimate(np.sum(weight * np.where(known, values, 0.0), axis=0) / total, 1 / np.sqrt(total))
+    return means
 
 
 def roll_response(survey, settings):
@@ -304,7 +304,7 @@ def result_checks(combined, consistency, settings):
     fit = [combined[f"manoeuvre_{name}"].values.astype(float) for name in ("chi2", "dof")]
     ratio = np.divide(*fit, out=np.full_like(fit[0], np.nan), where=fit[1] > 0)
     delivered = np.isfinite(combined["offset"].values).any(axis=1)
-    found = [
+    checks = [
         at_most(f"chi2 per degree of freedom, {name}", largest(ratio[i]), settings["fit_limit"], "1")
         for i, name in enumerate(combined.attrs["variants"].split())
         if delivered[i]
@@ -312,10 +312,10 @@ def result_checks(combined, consistency, settings):
     words = {"manoeuvres": "manoeuvres", "variants": "angular accelerations", "catalogue": "torquers and catalogue"}
     for name, said in words.items():
         p = consistency[name]["p"]
-        found.append(at_least(f"agreement of {said}, p", np.nan if p is None else p, consistency["level"], "1"))
+        checks.append(at_least(f"agreement of {said}, p", np.nan if p is None else p, consistency["level"], "1"))
     size = 1e6 * largest(np.abs(combined["offset"].values))
-    found.append(at_most("size of the offset", size, settings["plausible_um"], "um"))
-    return [one for one in found if not np.isnan(one.value)]
+    checks.append(at_most("size of the offset", size, settings["plausible_um"], "um"))
+    return [one for one in checks if not np.isnan(one.value)]
 
 
 def verdict(variants, chosen, consistency, settings):
@@ -380,12 +380,12 @@ def printed_manoeuvres(document, published):
         places = orders.setdefault((one.labels["kind"], one.labels["latitude_class"]), [])
         if one.labels["order"] not in places:
             places.append(one.labels["order"])
-    found = {}
+    printed = {}
     for index, ours in enumerate(document["manoeuvres"]):
         places = orders.get((ours["kind"], ours["latitude_class"]), [])
         order = places.pop(0) if places else None
-        found |= {(index, one.labels["variant"]): one for one in records if one.labels["order"] == order}
-    return found
+        printed |= {(index, one.labels["variant"]): one for one in records if one.labels["order"] == order}
+    return printed
 
 
 def _combined_table(document, published):

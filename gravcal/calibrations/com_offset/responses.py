@@ -75,7 +75,7 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray,
     """Effects of the catalogue, then regressors made of the measured channels, in each manoeuvre and the edge times."""
     if forms is None:
         forms = [form for entry in _entries() for form in _forms(entry)] + (_drivers(views[0]) if views else [])
-    found = []
+    causes = []
     for form in forms:
         signals, shape, whole = [form.of(one) for one in views], None, form.whole
         columns = [None if s is None else one.whitened(s) for one, s in zip(views, signals, strict=True)]
@@ -92,8 +92,8 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray,
         key = *whole.form.split()[:1], form.base
         wider = Wider(key, partial(_wider, form, views, smoothed, starts)) if form.base else None
         whole = replace(whole, columns=[*columns, timing], shape=shape, wider=wider)
-        found += [whole] if not whole.listed or whole.form.endswith("Hz") else whole.each_alone()
-    return found
+        causes += [whole] if not whole.listed or whole.form.endswith("Hz") else whole.each_alone()
+    return causes
 
 
 def _entries():
@@ -164,13 +164,13 @@ def of_delay(one: Manoeuvre, slug: str) -> Signal | None:
         word, since = "accelerometer_delay", one.context.start[one.index] - one.context.start[0]
     if word not in ("accelerometer_delay", "star_camera_delay", "magnetometer_delay"):
         return None
-    found, time = {}, one.magnetometer[0]
+    signal, time = {}, one.magnetometer[0]
     if time.size and word != "accelerometer_delay":
-        found["magnetometer"] = _earlier(one, one.at(time), word)[..., None]
+        signal["magnetometer"] = _earlier(one, one.at(time), word)[..., None]
     if word != "magnetometer_delay":
         torque = np.cross(one.context.dipole_b, since * _earlier(one, one.context, word))
-        found |= at_accelerometer(one, np.linalg.solve(one.context.inertia_b, torque.T).T[..., None])
-    return found
+        signal |= at_accelerometer(one, np.linalg.solve(one.context.inertia_b, torque.T).T[..., None])
+    return signal
 
 
 def _earlier(one, there, word):
@@ -206,16 +206,16 @@ def _mode_shape(views, frequency):
 
 def _drivers(one: Manoeuvre) -> list[Form]:
     """Every driver in the linear and in the angular reading, three axes each."""
-    found = []
+    forms = []
     for channel in UNITS:
         bases = _bases(one, channel)
         linear = channel == "linear"
         for k, (driver, form, shape) in enumerate(_series(one, channel)):
             signal = lambda one, channel=channel, k=k: {channel: on_axes(_series(one, channel)[k][2])}  # noqa: E731
             base = form if form in bases and linear else ""
-            found.append(_unknown(channel, driver, form, shape.shape[1], signal, base=base))
-        found += [_of_law(law, values, channel, bases[law.base][0], linear) for law, values in SCREENED]
-    return found
+            forms.append(_unknown(channel, driver, form, shape.shape[1], signal, base=base))
+        forms += [_of_law(law, values, channel, bases[law.base][0], linear) for law, values in SCREENED]
+    return forms
 
 
 def _unknown(channel, driver, form, width, signal, **known):
@@ -269,14 +269,14 @@ def _made_bases(one, channel):
     angle = np.cumsum(rate * np.diff(time, prepend=time[0])[:, None], axis=0)
     vectors = {"rate": rate, "angular acceleration": c.rate_dot_b, "attitude": angle - angle.mean(axis=0)}
     change = np.diff(current, prepend=0.0) / np.median(np.diff(time))
-    found = {CURRENT: ("torquer_current", current), CHANGE: ("torquer_current", change)}
+    bases = {CURRENT: ("torquer_current", current), CHANGE: ("torquer_current", change)}
     for name, values in vectors.items():
         size = max(np.abs(values).max(), 1e-30)
-        found |= {f"{name} {a}": (name.replace(" ", "_"), values[:, i] / size) for i, a in enumerate("xyz")}
-    found |= {f"field {a}": ("field", 2e4 * c.field_b[:, i]) for i, a in enumerate("xyz")}
-    found["strength of the field"] = ("field", 2e4 * np.linalg.norm(c.field_b, axis=1))
-    found[LATITUDE] = ("latitude", np.arcsin(place[2] / np.linalg.norm(place, axis=0)))
-    return found | {"sunlight with a lag": ("eclipse", c.extra["warmth"])}
+        bases |= {f"{name} {a}": (name.replace(" ", "_"), values[:, i] / size) for i, a in enumerate("xyz")}
+    bases |= {f"field {a}": ("field", 2e4 * c.field_b[:, i]) for i, a in enumerate("xyz")}
+    bases["strength of the field"] = ("field", 2e4 * np.linalg.norm(c.field_b, axis=1))
+    bases[LATITUDE] = ("latitude", np.arcsin(place[2] / np.linalg.norm(place, axis=0)))
+    return bases | {"sunlight with a lag": ("eclipse", c.extra["warmth"])}
 
 
 CURRENT, CHANGE, LATITUDE = "the current", "the change of the current", "the latitude"
@@ -353,7 +353,7 @@ def waves(entry: Entry, views: list[Manoeuvre], blocks: list[Block]) -> tuple[Wa
     rows for one size and phase, which are those of the reading. The entry has the parameters frequency,
     cosine_<axis>_<manoeuvre> and sine_<axis>_<manoeuvre>, whitened.
     """
-    values, channel, found = entry.values, entry.form.split()[0], []
+    values, channel, lines = entry.values, entry.form.split()[0], []
     for number, (one, block) in enumerate(zip(views, blocks[: len(views)], strict=True)):
         sizes: dict[str, tuple[float, float] | None] = dict.fromkeys("xyz")
         for axis, letter in enumerate("xyz"):
@@ -368,8 +368,8 @@ def waves(entry: Entry, views: list[Manoeuvre], blocks: list[Block]) -> tuple[Wa
             columns = one.whitened({channel: signal})[rows]
             used = np.any(columns != 0, axis=1)
             sizes[letter] = tuple(np.linalg.lstsq(columns[used], wanted[used], rcond=None)[0].tolist())
-        found.append(Wave(float(one.time[0]), channel, **sizes))
-    return tuple(found)
+        lines.append(Wave(float(one.time[0]), channel, **sizes))
+    return tuple(lines)
 
 
 def _sine_and_cosine(phase):
@@ -380,7 +380,7 @@ def _sine_and_cosine(phase):
 def amplitudes(entry: Entry, views: list[Manoeuvre]) -> dict[str, Parameter]:
     """Frequency, and amplitude on each axis: rms over the manoeuvres, its whitened size over that of a unit sine."""
     parameters, channel = entry.parameters, entry.form.split()[0]
-    found, phase = {"frequency": parameters["frequency"]}, 2 * np.pi * parameters["frequency"].value
+    line, phase = {"frequency": parameters["frequency"]}, 2 * np.pi * parameters["frequency"].value
     for axis, letter in enumerate("xyz"):
         names = [(f"cosine_{letter}_{i}", f"sine_{letter}_{i}", one) for i, one in enumerate(views)]
         squares, errors, sizes = [], [], []
@@ -395,8 +395,8 @@ def amplitudes(entry: Entry, views: list[Manoeuvre]) -> dict[str, Parameter]:
         if sizes:
             square = (np.sum(squares) - np.sum(errors)) / np.sum(np.square(sizes))
             error = np.sqrt(np.mean(errors) / np.sum(np.square(sizes)))
-            found[letter] = Parameter(float(np.sqrt(max(square, 0.0))), float(error), UNITS[channel])
-    return found
+            line[letter] = Parameter(float(np.sqrt(max(square, 0.0))), float(error), UNITS[channel])
+    return line
 
 
 # extended models
@@ -418,10 +418,10 @@ def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
         axes = [np.zeros(2) if size is None else np.array(size) for size in (known[0].x, known[0].y, known[0].z)]
         return {known[0].channel: np.stack([unit @ size for size in axes], axis=1)}
     if not entry.listed:
-        told = entry.form.partition(" reading, ")[2]
+        words = entry.form.partition(" reading, ")[2]
         channel = entry.form.split()[0]
-        found = (law for base in _bases(one, channel) for law in laws(base, base == LATITUDE) if law.tells(told))
-        law = next(found, None)
+        matches = (law for base in _bases(one, channel) for law in laws(base, base == LATITUDE) if law.tells(words))
+        law = next(matches, None)
         forms = [f for f in _drivers(one) if (f.whole.cause, f.whole.form) == (entry.cause, entry.form)]
         if law is not None:
             constants = [entry.values[name] for name in law.names]

@@ -174,15 +174,15 @@ def _pull(inner, coefficients, step):
     return -np.diff(np.pad(force, 3), 3) / step**3, jerk @ force
 
 
-def unlikeliness(corners, data, right, start, *given):
+def unlikeliness(corners, data, right, start, *prior):
     """Minus the logarithm of the evidence of the observations of one angle, but for what no corner changes.
 
-    Data and right are the normal equations of the observations at the coefficients start, given are those of
+    Data and right are the normal equations of the observations at the coefficients start, prior the arguments of
     torque_prior. 2 log p = log|M| - log|N + P| + g^T (N + P)^-1 g - c^T P c with g = A^T r - P c, and M the prior of
     the third derivative: of angle, rate and torque at the start P says nothing.
     """
-    splines, inner = torque_prior(corners, *given)
-    pull, square = _pull(inner, start, given[-1])
+    splines, inner = torque_prior(corners, *prior)
+    pull, square = _pull(inner, start, prior[-1])
     whole, jerk = (cholesky_banded(band, lower=True, check_finite=False) for band in (data + splines, inner))
     fit = (right - pull) @ cho_solve_banded((whole, True), right - pull, check_finite=False) - square
     return np.sum(np.log(whole[0])) - np.sum(np.log(jerk[0])) - fit / 2
@@ -311,12 +311,12 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
                 usual = np.median(size[rows.any(axis=(1, 2))], axis=0) if rows.any() else np.inf
                 free |= maximum_filter1d(size > RARE * usual, 5, axis=0)
             for k, start in enumerate(coefficients.T):
-                given = white[k], free[:, k], table.step
+                prior = white[k], free[:, k], table.step
                 if iteration:
-                    data = band[::3, k::3].copy(), right[k::3].copy(), start, *given
+                    data = band[::3, k::3].copy(), right[k::3].copy(), start, *prior
                     search = {"method": "Nelder-Mead", "bounds": [LIMITS] * 2, "options": TOLERANCE}
                     corners[k] = minimize(unlikeliness, corners[k], data, **search).x
-                splines, inner = torque_prior(corners[k], *given)
+                splines, inner = torque_prior(corners[k], *prior)
                 band[::3, k::3] += splines
                 right[k::3] -= _pull(inner, start, table.step)[0]
             coefficients = coefficients + solve(band, right).reshape(-1, 3)

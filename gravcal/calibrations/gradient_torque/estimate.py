@@ -62,8 +62,8 @@ def drag(
         parts = parts[:1] + [0 * part for part in parts[1:]]
         if np.any(np.abs(place) < 1e-9):
             expected = "no zero component: the printed H = -I (1/Dx, 1/Dy, 1/Dz) divides by each"
-            found, remedy = f"sensor_position {place.tolist()} m", "Use the one-sensor method."
-            refuse("one_sensor_published", found, expected, remedy, EstimationError)
+            position, remedy = f"sensor_position {place.tolist()} m", "Use the one-sensor method."
+            refuse("one_sensor_published", position, expected, remedy, EstimationError)
         body = satellite["inertia"], model.box_inertia(satellite, elongation), satellite["mass"]
         vectors = model.printed_vectors(*body, satellite["centre_of_pressure"], place)
         drag_b = model.printed_drag(reading, modelled["angular_b"].values[:, single_sensor - 1], *vectors)[0]
@@ -193,19 +193,19 @@ def _drawn_spectra(series, columns, step, rng):
     if count < 4 * LEAST_KNOTS * columns.shape[1]:
         return [noise.fit_noise([series], 0, step, removed=columns.shape[1])]
     knots = (np.arange(size := max(LEAST_KNOTS, min(count // SAMPLES, MOST_KNOTS))) + 0.5) / (2 * step * size)
-    found = noise.fit_spectrum([(series, columns)], step, knots)
-    off = np.linalg.cholesky(found.covariance) @ rng.standard_normal((size, DRAWS))
+    spectrum = noise.fit_spectrum([(series, columns)], step, knots)
+    off = np.linalg.cholesky(spectrum.covariance) @ rng.standard_normal((size, DRAWS))
     nodes = (np.arange(NODES) + 0.5) / (2 * step * NODES)
-    drawn = found.log_density[:, None] + np.column_stack([np.zeros(size), off])
-    return [noise.from_density(density, ORDER, step) for density in np.exp(found.shares(nodes) @ drawn).T]
+    drawn = spectrum.log_density[:, None] + np.column_stack([np.zeros(size), off])
+    return [noise.from_density(density, ORDER, step) for density in np.exp(spectrum.shares(nodes) @ drawn).T]
 
 
-def with_model_error(found: xr.Dataset, *moved: xr.Dataset, added: str = "") -> xr.Dataset:
+def with_model_error(solved: xr.Dataset, *moved: xr.Dataset, added: str = "") -> xr.Dataset:
     """Drag with the errors of effects taken out before; those of the pressure may be in what a search adds."""
-    new = widened(found, moved, {"drag_b": ("covariance", "covariance_total")})
-    if "pressure" in found:
-        new |= widened(found, () if added else moved, {"pressure": ("pressure_covariance",)}, added)
-    return replaced(found, new)
+    new = widened(solved, moved, {"drag_b": ("covariance", "covariance_total")})
+    if "pressure" in solved:
+        new |= widened(solved, () if added else moved, {"pressure": ("pressure_covariance",)}, added)
+    return replaced(solved, new)
 
 
 def combine(
@@ -270,9 +270,9 @@ def _rms(values):
     return np.sqrt(np.where(count > 0, np.sum(values**2, axis=(1, 2), where=known), np.nan) / np.maximum(count, 1))
 
 
-def _arc(modelled, found, epochs, spacing, satellite):
+def _arc(modelled, one_sensor, epochs, spacing, satellite):
     """Motion and standard deviations at a few epochs in the middle of the record."""
-    time, drag_b = modelled["time"].values, found["drag_b"].values
+    time, drag_b = modelled["time"].values, one_sensor["drag_b"].values
     step = float(np.median(np.diff(time)))
     every = max(1, min(round(spacing / step), time.size // (2 * epochs)))
     at = time.size // 4 + every * np.arange(epochs)
@@ -286,7 +286,7 @@ def _arc(modelled, found, epochs, spacing, satellite):
         "gradient": float(np.sqrt(modelled["gradient_variance"].values.max())),
         "motion": max(spread / np.linalg.norm(place), 1e-13),
         "pressure": np.array(satellite["centre_of_pressure_sigma"]),
-        "torque": float(found["torque_residual"].values.max()) if "torque_residual" in found else 1e-6,
+        "torque": float(one_sensor["torque_residual"].values.max()) if "torque_residual" in one_sensor else 1e-6,
     }
     rates = (modelled[name].values[0][at] for name in ("rate_b", "rate_dot_b"))
     drag_b = np.where(np.isfinite(drag_b[at]), drag_b[at], np.nanmean(drag_b, axis=0))

@@ -61,8 +61,8 @@ def orbit(observed: xr.Dataset, gap_limit_s: float) -> tuple[np.ndarray, np.ndar
             known = time[good]
             worst = max(np.diff(known).max(), known[0] - time[0], time[-1] - known[-1]) if known.size > 3 else np.inf
             if worst > gap_limit_s:
-                found = f"{worst:.0f} s without position or velocity"
-                refuse("SGRS file", found, f"at most {gap_limit_s:g} s", CUT, EstimationError, gap=float(worst))
+                missing = f"{worst:.0f} s without position or velocity"
+                refuse("SGRS file", missing, f"at most {gap_limit_s:g} s", CUT, EstimationError, gap=float(worst))
             values = CubicSpline(known - time[0], values[good])(time - time[0])
         columns.append(values)
     return tuple(columns)
@@ -239,8 +239,8 @@ def drag(
     >>> gradient = np.diag([-1.2e-6, -1.2e-6, 2.4e-6])
     >>> place, still = np.array([[0.1, 0.0, 0.0]]), np.zeros((5, 3))
     >>> reading = np.tile(gradient @ place[0] - [1e-7, 0.0, 0.0], (5, 1, 1))
-    >>> found = gradient_torque.drag(reading, still, still, np.tile(gradient, (5, 1, 1)), place)
-    >>> bool(np.allclose(found, [1e-7, 0.0, 0.0], atol=1e-20))
+    >>> drag_b = gradient_torque.drag(reading, still, still, np.tile(gradient, (5, 1, 1)), place)
+    >>> bool(np.allclose(drag_b, [1e-7, 0.0, 0.0], atol=1e-20))
     True
     """
     tensor = offset_tensor(np.asarray(rate_b), np.asarray(rate_dot_b), np.asarray(gradient_b))

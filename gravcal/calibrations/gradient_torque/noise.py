@@ -118,8 +118,8 @@ def coloured(time, series, columns, effects, bin_s, order) -> Channel:
         return noise.beside([left], [columns])(left, 0)
 
     for axis in range(3 if effects else 0):
-        found = noise.jumps(lambda places, a=axis, b=beside: np.nan_to_num(clean(_with_jumps(b, a, places))[:, a]))
-        beside = _with_jumps(beside, axis, found)
+        jumps = noise.jumps(lambda places, a=axis, b=beside: np.nan_to_num(clean(_with_jumps(b, a, places))[:, a]))
+        beside = _with_jumps(beside, axis, jumps)
     common, spectra = (), ()
     if effects:
         _, models, white = noise.spectra_beside(left, beside, order, bin_s)
@@ -189,20 +189,20 @@ def means(series: np.ndarray, width: int) -> np.ndarray:
 
 def channels_of(about, R_bi, observed, modelled, effects, settings) -> dict[str, Channel]:
     """Channels that the record has; effects are what listed ones add to the difference of two sensors, (n, 3, q)."""
-    found = {}
+    channels = {}
     if len(about.extra["positions"]) == 2:  # the difference of the readings less its model
         T, linear = tensor(about), modelled["linear_b"].values
         difference = linear[:, 0] - linear[:, 1] + np.matvec(T, apart(about))
         noise_model = settings["bin_s"], settings["noise_order"]
-        found["linear"] = coloured(about.time, difference, {"distance": -T}, list(effects), *noise_model)
+        channels["linear"] = coloured(about.time, difference, {"distance": -T}, list(effects), *noise_model)
     test_mass = box_inertia(settings["satellite"], settings["elongation"])
     beyond = unsmoothed(modelled, "two_sensor", slice(None), test_mass)
-    found["attitude"] = of_attitude(about, R_bi, observed, modelled, beyond, settings)
+    channels["attitude"] = of_attitude(about, R_bi, observed, modelled, beyond, settings)
     if settings["control_hz"] > 0:
         control = settings["control_hz"], settings["control_damping"]
         torque = uncontrolled_torque(modelled, "two_sensor", about.inertia_b, *control)
         torque = torque + np.matvec(about.inertia_b, np.nan_to_num(beyond))
         arm = -about.extra["mass"] * frames.cross_matrix(about.extra["non_gravitational_b"])
         noise_model = settings["torque_step_s"], settings["torque_noise_order"]
-        found["torque"] = coloured(about.time, torque, {"pressure": arm, "constant": np.eye(3)}, [], *noise_model)
-    return found
+        channels["torque"] = coloured(about.time, torque, {"pressure": arm, "constant": np.eye(3)}, [], *noise_model)
+    return channels

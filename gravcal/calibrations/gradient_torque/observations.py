@@ -33,10 +33,10 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
     Settings are satellite, igrf_generation, elongation, gap_limit_s, torque_step_s, torque_noise_order, control_hz,
     control_damping, bin_s, stretch_s, noise_order.
     """
-    observed, modelled, found = (products[name] for name in ("ingest", "gradient", "drag"))
+    observed, modelled, drag = (products[name] for name in ("ingest", "gradient", "drag"))
     position, velocity = orbit(observed, settings["gap_limit_s"])
     R_bi = attitude.R_bo(modelled["angle"].values[METHOD]) @ attitude.orbit_frame(position, velocity)
-    about = _context(modelled, found, R_bi, position, settings)
+    about = _context(modelled, drag, R_bi, position, settings)
     added = (added["linear"] for _, _, added in effects_of(about, ("linear",)) if "linear" in added)
     outside = [shape for driver, _, shape in drivers(about) if driver in responses.OUTSIDE]
     outside += [remembered(tau) for _, remembered in memories(about) for tau in responses.MEMORY_S]
@@ -54,13 +54,13 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
     solution = np.linalg.lstsq(rows[:, 1:] / scale, rows[:, 0], rcond=None)[0] / scale
     for part in parts:  # what is found are changes of the solution
         part[:, 0] -= part[:, 1:] @ solution
-    start = found["pressure"].values if "pressure" in found else pressure
-    drag_sigma = float(np.sqrt(np.nanmean(np.diagonal(found["covariance"].values, axis1=1, axis2=2))))
+    start = drag["pressure"].values if "pressure" in drag else pressure
+    drag_sigma = float(np.sqrt(np.nanmean(np.diagonal(drag["covariance"].values, axis1=1, axis2=2))))
     orders = {"linear": settings["noise_order"], "torque": settings["torque_noise_order"]}
     return GradientTorque(observed, about, channels, prior, start, drag_sigma, orders)
 
 
-def _context(modelled, found, R_bi, position, settings):
+def _context(modelled, drag, R_bi, position, settings):
     """What effects look at, at the epochs of the record."""
     time, satellite = modelled["time"].values, settings["satellite"]
     R_ei = earth.R_ei(time)
@@ -68,7 +68,7 @@ def _context(modelled, found, R_bi, position, settings):
     extra = {
         "positions": modelled["sensor_position_b"].values,
         "mass": satellite["mass"],
-        "non_gravitational_b": np.nan_to_num(found["drag_b"].values),
+        "non_gravitational_b": np.nan_to_num(drag["drag_b"].values),
         "warmth": orbit_environment.warmth(time, time, position),
         "position_e": position_e,
         "R_be": R_be,
@@ -133,7 +133,7 @@ class GradientTorque(Observations):
     @functools.cached_property
     def blocks(self) -> list[Block]:
         """Stretches of two hours, and what was known beforehand."""
-        found, places = [], {name: channel.places() for name, channel in self.made.items()}
+        stretches, places = [], {name: channel.places() for name, channel in self.made.items()}
         errors = {
             (name, axis): float(error)
             for name, one in self.made.items()
@@ -148,10 +148,10 @@ class GradientTorque(Observations):
             local = np.zeros((len(rows), 6 * len(own)))
             local[channel == "attitude"] = block_diag(*own) if own else 0.0
             rows = rows[:, 0], rows[:, 1:], local, channel, axis, time
-            found.append(Block(f"stretch {number}", *rows, level_error=errors))
+            stretches.append(Block(f"stretch {number}", *rows, level_error=errors))
         known = self.prior
         about = "prior", np.argmax(known[:, 1:] > 0, axis=1) % 3, np.arange(float(len(known)))
-        return [*found, Block.of("known beforehand", known[:, 0], *about, shared=known[:, 1:])]
+        return [*stretches, Block.of("known beforehand", known[:, 0], *about, shared=known[:, 1:])]
 
     def _columns(self, added):
         """Columns of every block from what is added to the channels, {channel: (n, 3, q)} SI."""
@@ -165,21 +165,21 @@ class GradientTorque(Observations):
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
         """Effects of the catalogue with all their parameters and each alone, then the drivers in each channel."""
-        found = []
+        causes = []
         for entry, sensor, added in effects_of(self.about, self.made):
             form, suffix = (f"sensor {sensor}", f"_{sensor}") if sensor else ("", "")
-            found += listed(entry, self._columns(added), form, suffix=suffix).each_alone()
+            causes += listed(entry, self._columns(added), form, suffix=suffix).each_alone()
         entry = effect(TESSERAL)
         orders = [(n, m) for n in range(3, HIGHEST + 1) for m in range(1, n + 1)] if "linear" in self.made else []
         for degree, order in orders:
             columns = self._columns(added_to_channels(_of_degree(self.about, degree, order), entry))
-            found.append(replace(listed(entry, columns, f"degree {degree}, order {order}"), apart=True))
+            causes.append(replace(listed(entry, columns, f"degree {degree}, order {order}"), apart=True))
         for channel in self.made:
             for driver, form, shape in drivers(self.about):
                 if channel != "torque" or driver in responses.OUTSIDE:
                     columns, names = self._columns({channel: on_axes(shape)}), along(channel, shape.ndim > 1)
-                    found.append(unknown(driver, f"{channel}, {form}", columns, UNITS[channel], names))
-        return found + [one for channel in self.made if channel != "torque" for one in self._memories(channel)]
+                    causes.append(unknown(driver, f"{channel}, {form}", columns, UNITS[channel], names))
+        return causes + [one for channel in self.made if channel != "torque" for one in self._memories(channel)]
 
     def _memories(self, channel, constants=responses.MEMORY_S):
         """Candidates in no list of what remembers the drag, whose constant is fitted."""
@@ -230,8 +230,8 @@ class GradientTorque(Observations):
             channel = entry.form.partition(", ")[0]
             constants = [entry.values["tau"]] if "tau" in entry.values else ()
             laws = ((law, remembered, tau) for law, remembered in memories(about) for tau in constants)
-            told = (("drag", law.told((tau,)), remembered(tau)) for law, remembered, tau in laws)
-            added = added_by(entry, channel, f"{channel}, ", itertools.chain(drivers(about), told))[..., None, :]
+            with_memory = (("drag", law.told((tau,)), remembered(tau)) for law, remembered, tau in laws)
+            added = added_by(entry, channel, f"{channel}, ", itertools.chain(drivers(about), with_memory))[..., None, :]
             if channel == "linear" and sensors == 2:
                 linear += added * np.array([-0.5, 0.5])[:, None]
             elif channel == "attitude":
@@ -252,14 +252,14 @@ class GradientTorque(Observations):
 
     def biased(self) -> list[Unobservable]:
         """What effects that move both sensors alike, and so no difference shows, do to the drag."""
-        found = []
+        biases = []
         for entry in (one for one in EFFECTS if one.channel == "linear_each_b"):
             mean = entry.columns(self.about).mean(axis=1)
             for k, parameter in enumerate(entry.parameters):
                 rms = np.sqrt(np.mean((parameter.prior_sigma * mean[:, :, k]) ** 2, axis=0))
                 size = float(np.sqrt(np.mean(rms**2))) / self.drag_sigma
-                found.append(Unobservable(entry.slug, {parameter.name: 1.0}, 0.0, (), size, (), rms.tolist()))
-        return found
+                biases.append(Unobservable(entry.slug, {parameter.name: 1.0}, 0.0, (), size, (), rms.tolist()))
+        return biases
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time s, reading that the model predicts, and whitened rows in its unit.

@@ -63,7 +63,7 @@ def _result(products, settings):
         )
         methods[name]["series"] = product.digest(own)[:12]
     above = (torque["amplitude"].values > 3 * torque["sensitivity"].values[:, None]).any(axis=(1, 2))
-    found = {
+    document = {
         "status": "delivered",
         "drag": methods,
         "identifiability": _identifiability(combined),
@@ -75,16 +75,16 @@ def _result(products, settings):
         },
         "verdict": {"text": WORDS.note("verdict", methods=methods, requirement=float(settings["requirement_m_s2"]))},
     }
-    found["panel_pressure_m"] = {"area_weighted": numbers(torque["area_centre"].values)}
-    found["panel_pressure_m"]["facing_the_flow"] = numbers(torque["facing_centre"].values)
+    document["panel_pressure_m"] = {"area_weighted": numbers(torque["area_centre"].values)}
+    document["panel_pressure_m"]["facing_the_flow"] = numbers(torque["facing_centre"].values)
     if "pressure" in drag:
-        found["centre_of_pressure_m"] = {
+        document["centre_of_pressure_m"] = {
             "value": numbers(drag["pressure"].values),
             "sigma": numbers(np.sqrt(np.diag(drag["pressure_covariance"].values))),
             "prior_sigma": numbers(drag["pressure_prior_sigma"].values),
         }
-        found["torque_share_of_drag_information"] = number(drag["torque_gain"])
-    return found
+        document["torque_share_of_drag_information"] = number(drag["torque_gain"])
+    return document
 
 
 def _identifiability(combined):

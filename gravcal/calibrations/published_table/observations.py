@@ -160,13 +160,13 @@ class Table(Observations):
                 logs.append(-np.sum(np.linalg.solve(root, y) ** 2) / 2 - np.sum(np.log(np.diag(root))))
             return np.logaddexp.reduce(logs)
 
-        alone, found = log_evidence(np.zeros((y.size, 0)), np.zeros(0)), {}
+        alone, best = log_evidence(np.zeros((y.size, 0)), np.zeros(0)), {}
         for number, one in enumerate(self.causes):
             sizes = [size for owner, _, size in self._priors if owner == number]
             odds = float(log_evidence(np.concatenate(one.columns)[known], sizes) - alone) if sizes else -np.inf
-            if sizes and (one.cause not in found or odds > found[one.cause].log_odds + 0.05):  # a heading is nothing
-                found[one.cause] = Weighed(one.cause, one.form, odds)
-        return sorted(found.values(), key=lambda one: -one.log_odds)
+            if sizes and (one.cause not in best or odds > best[one.cause].log_odds + 0.05):  # a heading is nothing
+                best[one.cause] = Weighed(one.cause, one.form, odds)
+        return sorted(best.values(), key=lambda one: -one.log_odds)
 
     @functools.cached_property
     def _priors(self):
@@ -176,23 +176,23 @@ class Table(Observations):
     @functools.cached_property
     def causes(self) -> list[Candidate]:
         """Causes, and what they do to the offset of each manoeuvre (3, q) m."""
-        found, mean, count = [], self.mean, len(self.rows)
+        causes, mean, count = [], self.mean, len(self.rows)
         for (pitch, yaw), form in HEADINGS.items():
             heading = {"pitch": pitch, "roll": pitch, "yaw": yaw}
             arcs = {k: arc(*k, heading[k[0]], self.about) for k in AREAS}
             each = [arcs[r["kind"], r["latitude_class"]] for r in self.rows]
             whole = of_readings(form, each, mean)
-            found += [one for one in whole if len(one.names) < BETWEEN]
+            causes += [one for one in whole if len(one.names) < BETWEEN]
             for one in whole:  # each parameter by itself, so that all families are as sparse as they can be
                 parts = [one.part([k], name) for k, name in enumerate(one.names)]
-                found += [replace(part, form=f"{part.form}, {form}") for part in parts]
+                causes += [replace(part, form=f"{part.form}, {form}") for part in parts]
         columns = [-mean[:, None]] * count
-        found.append(Candidate("timing.accelerometer_delay", "", ["one_minus_cosine"], ["1"], columns, [1.0]))
+        causes.append(Candidate("timing.accelerometer_delay", "", ["one_minus_cosine"], ["1"], columns, [1.0]))
         order = [(r["order"] - 4.0) * np.eye(3) for r in self.rows]
-        found.append(unknown("time", "offset moves between manoeuvres", order, "m"))
+        causes.append(unknown("time", "offset moves between manoeuvres", order, "m"))
         low = [float(r["latitude_class"] == "low") * np.eye(3) for r in self.rows]
-        found.append(unknown("latitude", "offset differs at low latitude", low, "m"))
-        return found
+        causes.append(unknown("latitude", "offset differs at low latitude", low, "m"))
+        return causes
 
 
 def repeatability(rows: list[dict]) -> tuple[float, int]:
