@@ -30,7 +30,7 @@ class Moving:
     value: np.ndarray  #: (n,)
     covariance: np.ndarray  #: (n, n) of the values
     steps: Sequence[float]  #: (k,) s, epochs of steps
-    found: Sequence[float]  #: those of them that were found
+    discovered: Sequence[float]  #: those of them that were found
     scale: float  #: spread that steps and slope are compared with
     weights: np.ndarray  #: (w, s) of each size of walk and scatter
     follows: Mapping[str, np.ndarray]  #: (n,) quantities of the events that it follows, f of them
@@ -131,7 +131,7 @@ def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: S
         if not free.size or gain.max() < FOUND:
             return one
         at = float(free[np.argmax(gain)])
-        one = _weighed(time, value, covariance, [*one.steps, at], [*one.found, at], scale, one.follows)
+        one = _weighed(time, value, covariance, [*one.steps, at], [*one.discovered, at], scale, one.follows)
     return one
 
 

@@ -148,7 +148,7 @@ def _motion(one: Moving, trims, name, fuel):
     terms, first = [{"value": v, "sigma": s} for v, s in np.transpose(one.terms()).tolist()], 2 + len(one.steps)
     printed, steps = {seconds(t["date"]): t["size"] for t in trims if t["axis"] == name}, []
     for at, term in zip(one.steps, terms[2:first], strict=True):
-        steps.append({"date": day(at), **term, "found": at in one.found, "printed": printed.get(at)})
+        steps.append({"date": day(at), **term, "found": at in one.discovered, "printed": printed.get(at)})
     follows = dict.fromkeys(fuel) | dict(zip(one.follows, terms[first:], strict=True)) or None
     walk = float(np.sqrt(sum(w * q**2 for w, q, _ in one.options())))
     return {"slope_per_year": terms[1], "steps": steps, "follows": follows, "walk_per_root_year": walk}

@@ -143,7 +143,7 @@ def test_a_step_that_nobody_told_of_is_found(rng):
     """Between the events that it lies between."""
     time = np.arange(12) * 60 * DAY_S
     one = moving.moving(time, 50.0 * (time > 290 * DAY_S) + rng.standard_normal(12), np.eye(12))
-    assert one.found == [pytest.approx(270 * DAY_S)]
+    assert one.discovered == [pytest.approx(270 * DAY_S)]
 
 
 def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):

@@ -14,8 +14,8 @@ HEADER = "software_version: gravcal simulation\n# End of YAML header\n"
 
 def inventory(folder):
     """All TLT files below a folder."""
-    found = [(path, NAME.fullmatch(path.name)) for path in sorted(Path(folder).rglob("TLT_*.txt"))]
-    return [LevelOneFile(path, None, **match.groupdict()) for path, match in found if match]
+    matches = [(path, NAME.fullmatch(path.name)) for path in sorted(Path(folder).rglob("TLT_*.txt"))]
+    return [LevelOneFile(path, None, **match.groupdict()) for path, match in matches if match]
 
 
 def read(file):

@@ -45,7 +45,7 @@ def signal(one: Manoeuvre, tau: float, leads) -> dict[str, np.ndarray]:
 def _acceleration(one, tau, leads):
     """Angular acceleration (n, 3, q) rad s-2 of lagging rods less that of the edges as they were fitted."""
     arc, time = one.arc, one.context.time
-    edges = arc.edges + one.seen
+    edges = arc.edges + one.acc_shift
     missing, _ = lag_missing(arc.edges, arc.dipole_b, tau)
     dipole = lagging(time, edges, arc.dipole_b, missing, tau, np.asarray(leads, dtype=float))
 

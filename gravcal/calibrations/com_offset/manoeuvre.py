@@ -52,7 +52,7 @@ class Manoeuvre:
     local_attitude: np.ndarray  #: (k, 3, p) rad, start angle, rate, slow torque and edge shift
     scale_attitude: np.ndarray  #: (k, 3, 3) rad, torque scale
     shift: float  #: s, edges seen by the star camera
-    seen: float  #: s, edges seen by the accelerometer
+    acc_shift: float  #: s, edges seen by the accelerometer
     measured: dict[str, Measured]  #: {channel: noise of all manoeuvres}, may be completed later
     context: Context  #: Context at the accelerometer epochs
     wide: Context  #: Context at those of the linear reading, pads included; motion in these is that of a mean attitude
@@ -313,10 +313,10 @@ def _local(one, settings):
             columns.append({channel: on_axes(shape)})
     columns.append({"attitude": one.local_attitude})
     rest = one.time, one.context.field_b, float(np.median(np.diff(one.time)))
-    ends = [motion.magnetic_acceleration(one.arc, one.seen + d, *rest) for d in (-0.15, 0.15)]
+    ends = [motion.magnetic_acceleration(one.arc, one.acc_shift + d, *rest) for d in (-0.15, 0.15)]
     # Where between two samples an edge falls is known to neither model, and from one edge of the wave to the next a
     # momentary sample near it may change sides: a column each for the sample before an edge and the one after.
-    near = np.searchsorted(one.time, motion.large_edges(one.arc) + one.seen)[:, None] + np.array([-1, 0])
+    near = np.searchsorted(one.time, motion.large_edges(one.arc) + one.acc_shift)[:, None] + np.array([-1, 0])
     near = np.clip(near, 0, one.time.size - 1).ravel()
     jumps = np.zeros((one.time.size, 3, near.size))
     jumps[near, :, np.arange(near.size)] = (ends[1] - ends[0])[near]

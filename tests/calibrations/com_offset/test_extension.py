@@ -91,7 +91,7 @@ def test_late_tags_show_in_the_readings_what_their_column_says():
         found.aligned["angular_b"].values[rows] - one.context.rate_dot_b[k]
         for found, one, k in zip(both, views, at, strict=True)
     )
-    edges = views[1].arc.edges + views[1].seen
+    edges = views[1].arc.edges + views[1].acc_shift
     away = np.abs(views[1].time[at[1], None] - edges).min(axis=1) > 0.5  # s
     column = responses.of_delay(views[1], slug)["angular"][at[1], 0, 0]
     slope, _ = np.polyfit(column[away], (late - plain)[away, 0], 1)
