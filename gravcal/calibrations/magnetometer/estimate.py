@@ -73,9 +73,9 @@ def estimate(
     information = np.stack([sum(c[g].T @ c[g] for c, _ in rows) for g in groups])
     right = np.stack([sum(c[g].T @ y[g] for c, y in rows) for g in groups])
     limit, starts = np.full(size.size, determined_ratio), [field.time[g][0] for g in groups]
-    found = named_parameters.estimated(names, units, limit, information, right, starts, size)
-    found |= {"noise": (field.difference - fitted).std(axis=0), "noise_order": order, "time": field.time}
-    return build(SCHEMAS["estimate"], found | {"residual_b": field.difference, "fitted_b": fitted})
+    solution = named_parameters.estimated(names, units, limit, information, right, starts, size)
+    solution |= {"noise": (field.difference - fitted).std(axis=0), "noise_order": order, "time": field.time}
+    return build(SCHEMAS["estimate"], solution | {"residual_b": field.difference, "fitted_b": fitted})
 
 
 def _parameters(group):
@@ -96,7 +96,7 @@ def _rows(noise, place, values):
     return [(one[:, :-1], one[:, -1]) for one in rows]
 
 
-def check(aligned: xr.Dataset, found: xr.Dataset, **limits: float) -> xr.Dataset:
+def check(aligned: xr.Dataset, solution: xr.Dataset, **limits: float) -> xr.Dataset:
     """Checks of the inputs and of the result, "magnetometer.align" and "magnetometer.estimate".
 
     A star camera late by minutes reads as a magnetometer that is turned by tenths of a radian, which is why scale and
@@ -116,21 +116,21 @@ def check(aligned: xr.Dataset, found: xr.Dataset, **limits: float) -> xr.Dataset
         at_most("direction of the field against the reference", turned, limits["direction_limit_rad"], "rad"),
     ]
     size = {name: one for group in AXES for name, _, one in _parameters(group)}
-    known = found[["value", "sigma"]].sel(parameter=[name for name in found["parameter"].values if name in size])
+    known = solution[["value", "sigma"]].sel(parameter=[name for name in solution["parameter"].values if name in size])
     beyond = np.abs(known["value"].values) - 2 * known["sigma"].values
     ratio = beyond / [size[name] for name in known["parameter"].values]
     largest = np.max(ratio, where=np.isfinite(ratio), initial=0.0)
-    delay = dict(zip(map(str, found["parameter"].values), found["value"].values, strict=True)).get("delay", 0.0)
+    delay = dict(zip(map(str, solution["parameter"].values), solution["value"].values, strict=True)).get("delay", 0.0)
     apart_s = model.late(aligned, limits["camera_limit_s"], limits["delay_limit_s"])
     lag = max(abs(float(np.nan_to_num(delay))), abs(apart_s.get("timing.magnetometer_delay", (0.0,))[0]))
     made.append(at_most("tags of the attitude", abs(aligned["camera_late"]), limits["camera_limit_s"], "s"))
     made.append(at_most("tags of the magnetometer", lag, limits["delay_limit_s"], "s"))
     made.append(at_most("scale or axes over their plausible size", largest, limits["plausible_limit"], "1"))
-    return checks.product([*made, *named_parameters.checks(found, limits["agreement_limit"])])
+    return checks.product([*made, *named_parameters.checks(solution, limits["agreement_limit"])])
 
 
 def compare(
-    aligned: xr.Dataset, found: xr.Dataset, camera: xr.Dataset, orbit: xr.Dataset, theirs: xr.Dataset, **settings
+    aligned: xr.Dataset, solution: xr.Dataset, camera: xr.Dataset, orbit: xr.Dataset, theirs: xr.Dataset, **settings
 ) -> xr.Dataset:
     """Their calibrated field less ours at our records, and parameters with their field as the reference.
 
@@ -165,15 +165,15 @@ def compare(
     reference = magnetic.body_field(orbit_time, state[:, :3], sca_time, quaternion, settings.pop("igrf_generation"))
     rest = theirs_b - reference(time)[0]
     rest = np.stack([np.interp(field.time, time, one) for one in rest.T], axis=1)[matched]
-    known = dict(zip(found["parameter"].values.tolist(), np.nan_to_num(found["value"].values), strict=True))
+    known = dict(zip(solution["parameter"].values.tolist(), np.nan_to_num(solution["value"].values), strict=True))
     external = known.get("external_field", 0.0) * field.axis_b
-    ours = (found["residual_b"].values - found["fitted_b"].values + external)[matched]
+    ours = (solution["residual_b"].values - solution["fitted_b"].values + external)[matched]
     same = aligned.isel(time=np.flatnonzero(matched))
     same = same.assign(model_b=same["model_b"] + rest)
     held = tuple({*settings.pop("held"), "external_field"})  # theirs holds it
     implied = estimate(same, held=held, **settings)
     names = implied["parameter"].values.tolist()
-    our = found[["value", "sigma"]].sel(parameter=names)
+    our = solution[["value", "sigma"]].sel(parameter=names)
     values = {name: implied[name].values for name in ("parameter", "unit", "value", "sigma")}
     values |= {"own_value": our["value"].values, "own_sigma": our["sigma"].values}
     values |= {"time": field.time[matched], "difference_b": rest - ours, "theirs_b": rest, "apart": apart}

@@ -59,9 +59,9 @@ def align(
     if sca_time.size > 1 and orbit_time.size > 1:
         inside = (time >= max(sca_time[0], orbit_time[0])) & (time <= min(sca_time[-1], orbit_time[-1]))
     if inside.sum() < LEAST:
-        found, remedy = f"{inside.sum()} records with attitude and orbit", "Give files of the same minutes."
+        records, remedy = f"{inside.sum()} records with attitude and orbit", "Give files of the same minutes."
         file, count = mag.attrs.get("file", "MAG1B"), int(inside.sum())
-        refuse(file, found, f"at least {LEAST}", remedy, EstimationError, records=count)
+        refuse(file, records, f"at least {LEAST}", remedy, EstimationError, records=count)
     time, values = time[inside], values[inside]
     quaternion = frames.continuous(quaternion)
     field_at = magnetic.body_field(orbit_time, state[:, :3], sca_time, quaternion, igrf_generation)
@@ -73,7 +73,7 @@ def align(
     at_tags = frames.interpolate(sca_time, quaternion, time)
     turn = frames.attitude_error(quaternion[1:], quaternion[:-1]) / np.diff(sca_time)[:, None]
     dense = np.median(np.diff(orbit_time)) <= DENSE_S
-    found = {
+    aligned = {
         "time": time,
         "measured_b": values[:, :3] * scale,
         "model_b": model,
@@ -87,7 +87,7 @@ def align(
         "attitude_jump": checks.attitude_jump(sca_time, quaternion),
         "velocity_error": checks.velocity_error(orbit_time, *inertial) if dense else 0.0,
     }
-    return build(SCHEMAS["align"], found)
+    return build(SCHEMAS["align"], aligned)
 
 
 def late(aligned: xr.Dataset, camera_limit_s: float, delay_limit_s: float) -> dict[str, tuple[float, np.ndarray]]:
@@ -97,12 +97,12 @@ def late(aligned: xr.Dataset, camera_limit_s: float, delay_limit_s: float) -> di
     the limits is no lag. Late by tau, a star camera shows the body of before, B_b = exp(-[w tau]x) B_b as tagged, a
     magnetometer B_b(t - tau).
     """
-    one, found = field(aligned), {}
+    one, delays = field(aligned), {}
     model, camera = one.model_b, float(aligned["camera_late"])
     if abs(camera) > camera_limit_s:
         turn = frames.R_bi_from_quaternion(frames.from_rotation_vector(camera * aligned["rate_b"].values))
         model = np.matvec(turn, model)
-        found["timing.star_camera_delay"] = camera, model - one.model_b
+        delays["timing.star_camera_delay"] = camera, model - one.model_b
     lag = np.arange(-APART_S, APART_S + 1)
     if np.ptp(one.time) > max(LONG_S, 4 * APART_S):
         inner = np.flatnonzero((one.time > one.time[0] + APART_S) & (one.time < one.time[-1] - APART_S))
@@ -111,8 +111,8 @@ def late(aligned: xr.Dataset, camera_limit_s: float, delay_limit_s: float) -> di
         left = [np.var(one.measured_b[inner] - before(one.time[inner] - d), axis=0).sum() for d in lag]
         best = int(lag[np.argmin(left)])
         if abs(best) > delay_limit_s and CLEARLY * min(left) < left[APART_S]:
-            found["timing.magnetometer_delay"] = float(best), before(one.time - best) - model
-    return found
+            delays["timing.magnetometer_delay"] = float(best), before(one.time - best) - model
+    return delays
 
 
 def field(aligned: xr.Dataset) -> Field:
@@ -154,12 +154,12 @@ def noise(field: Field, step: float, columns: list[np.ndarray], order: int, floo
     Minutes of data have no quiet part of their own: the noise is that of the residual of the widest model, so that it
     is the same under every hypothesis. It has `order` coefficients, fewer in a short record, at a step of so many s.
     """
-    place, found = placed(field.time, step), []
+    place, models = placed(field.time, step), []
     for axis in range(3):
         basis = least_squares.orthonormal(np.concatenate([c[:, axis] for c in columns], axis=1))
         rest = least_squares.without(basis, field.difference[:, axis])
-        found.append(noise_of(rest, place, order, floor, basis.shape[1]))
-    return found
+        models.append(noise_of(rest, place, order, floor, basis.shape[1]))
+    return models
 
 
 def placed(time: np.ndarray, step: float) -> np.ndarray:
@@ -170,11 +170,11 @@ def placed(time: np.ndarray, step: float) -> np.ndarray:
 def noise_of(rest: np.ndarray, place: np.ndarray, order: int, floor: float, removed: int) -> NoiseModel:
     """Noise model of a residual (n,) T of a fit of so many parameters, never below a floor T."""
     order = min(order, rest.size // SAMPLES_PER_COEFFICIENT)
-    found = fit_noise([on_even_grid(place, 1.0, rest)], order, 1.0, removed)
-    if found.variance[0] < floor**2:
-        least = max(found.variance[0], 1e-6 * floor**2)
-        return replace(found, variance=np.maximum(found.variance * floor**2 / least, 1e-6 * floor**2))
-    return found
+    model = fit_noise([on_even_grid(place, 1.0, rest)], order, 1.0, removed)
+    if model.variance[0] < floor**2:
+        least = max(model.variance[0], 1e-6 * floor**2)
+        return replace(model, variance=np.maximum(model.variance * floor**2 / least, 1e-6 * floor**2))
+    return model
 
 
 def whitened(noise: NoiseModel, place: np.ndarray, values: np.ndarray, turn: Callable = whiten) -> np.ndarray:

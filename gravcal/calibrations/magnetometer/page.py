@@ -13,12 +13,12 @@ WORDS = words(__file__, "page.toml")
 
 def content(products):
     """Facts of the record, and what follows the result."""
-    found, aligned = products["estimate"], products["align"]
-    difference = found["residual_b"].values
+    estimate, aligned = products["estimate"], products["align"]
+    difference = estimate["residual_b"].values
     facts = {
-        "records": int(found.sizes["time"]),
-        "seconds": float(np.ptp(found["time"].values)),
-        "noise_nt": (1e9 * found["noise"].values).tolist(),
+        "records": int(estimate.sizes["time"]),
+        "seconds": float(np.ptp(estimate["time"].values)),
+        "noise_nt": (1e9 * estimate["noise"].values).tolist(),
         "mean_nt": (1e9 * difference.mean(axis=0)).tolist(),
         "field_range_nt": (1e9 * np.ptp(aligned["model_b"].values, axis=0)).tolist(),
         "dipole_sigma_a_m2": aligned["dipole_b"].values.std(axis=0).tolist(),
@@ -27,10 +27,10 @@ def content(products):
 
 
 @WORDS.figure("estimate")
-def _field(panels, found):
+def _field(panels, estimate):
     above, below = panels
-    minutes = (found["time"].values - found["time"].values[0]) / 60
-    measured, fitted = (1e9 * found[name].values for name in ("residual_b", "fitted_b"))
+    minutes = (estimate["time"].values - estimate["time"].values[0]) / 60
+    measured, fitted = (1e9 * estimate[name].values for name in ("residual_b", "fitted_b"))
     fit = {"color": COLOURS["black"], "linewidth": 0.5, "linestyle": ":"}
     for index, axis in enumerate("xyz"):
         above.plot(*thinned(minutes, measured[:, index]), label=axis, **AXIS[axis])
@@ -46,17 +46,17 @@ PAGE = Page(
 def content_beside(products):
     """The same, with the calibrated field of others."""
     facts, sections = content(products)
-    found = products["beside"]
-    difference = 1e9 * found["difference_b"].values
+    comparison = products["beside"]
+    difference = 1e9 * comparison["difference_b"].values
     facts |= {
-        "theirs_records": int(found.sizes["time"]),
-        "theirs_flagged": int(found["flagged"]),
+        "theirs_records": int(comparison.sizes["time"]),
+        "theirs_flagged": int(comparison["flagged"]),
         "theirs_less_ours_mean_nt": difference.mean(axis=0).tolist(),
         "theirs_less_ours_rms_nt": np.sqrt(np.mean(difference**2, axis=0)).tolist(),
-        "theirs_less_reference_rms_nt": (1e9 * np.sqrt(np.mean(found["theirs_b"].values ** 2, axis=0))).tolist(),
-        "theirs_from_orbit_m": float(found["apart"]),
+        "theirs_less_reference_rms_nt": (1e9 * np.sqrt(np.mean(comparison["theirs_b"].values ** 2, axis=0))).tolist(),
+        "theirs_from_orbit_m": float(comparison["apart"]),
     }
-    rows = zip(parameters(found, "own_").items(), parameters(found).values(), strict=True)
+    rows = zip(parameters(comparison, "own_").items(), parameters(comparison).values(), strict=True)
     rows = [[name.replace("_", " "), *cells(ours), *cells(theirs)] for (name, ours), theirs in rows]
     section = Section("Beside another calibration", [WORDS.table("both", rows)], [_beside], [WORDS.note("theirs")])
     return facts, [*sections, section]
@@ -64,17 +64,17 @@ def content_beside(products):
 
 def more_beside(products):
     """Parameters that the field of others implies, and a sentence on the difference."""
-    found = products["beside"]
-    texts = [f"{one:.1f}" for one in np.sqrt(np.mean((1e9 * found["difference_b"].values) ** 2, axis=0))]
+    comparison = products["beside"]
+    texts = [f"{one:.1f}" for one in np.sqrt(np.mean((1e9 * comparison["difference_b"].values) ** 2, axis=0))]
     said = f" Another calibration's field less ours: rms {', '.join(texts)} nT in x, y, z."
-    return {"theirs": parameters(found)}, said
+    return {"theirs": parameters(comparison)}, said
 
 
 @WORDS.figure("beside")
-def _beside(panel, found):
-    minutes = (found["time"].values - found["time"].values[0]) / 60
+def _beside(panel, comparison):
+    minutes = (comparison["time"].values - comparison["time"].values[0]) / 60
     for index, axis in enumerate("xyz"):
-        panel.plot(*thinned(minutes, 1e9 * found["difference_b"].values[:, index]), label=axis, **AXIS[axis])
+        panel.plot(*thinned(minutes, 1e9 * comparison["difference_b"].values[:, index]), label=axis, **AXIS[axis])
 
 
 BESIDE = replace(PAGE, products=(*PAGE.products, "beside"), content=content_beside, more=more_beside)

@@ -161,9 +161,9 @@ def blocks(
     parts = [np.flatnonzero(number == one) for one in np.unique(number)]
     parts = [part for part in parts if part.size * step > range_block_s / 2]
     if len(parts) < 2:
-        found = f"{len(parts)} blocks of {range_block_s:.0f} s that are at least half full"
+        revolutions = f"{len(parts)} blocks of {range_block_s:.0f} s that are at least half full"
         expected = "two or more, so that noise can be told from what they show"
-        refuse(rows.attrs["ranging"], found, expected, "Give a longer record.", EstimationError)
+        refuse(rows.attrs["ranging"], revolutions, expected, "Give a longer record.", EstimationError)
     places = [np.rint((time[part] - time[part[0]]) / step).astype(int) for part in parts]
     slow = [least_squares.polynomial(time[part], range_degree, time[part[0]], time[part[-1]]) for part in parts]
     series = [least_squares.without(s, observed[p] - observed[p[0]]) for p, s in zip(parts, slow, strict=True)]
@@ -244,24 +244,24 @@ def estimate(rows: xr.Dataset, *, determined_limit_mm: float, **settings) -> xr.
     parts = blocks(rows, **settings, beside=np.column_stack([own, shared]))
     information, right, excess = equations_of(parts, rows, observed, own)
     limit, starts = np.full(6, determined_limit_mm), [time[part.rows[0]] for part in parts]
-    found = named_parameters.estimated(NAMES, ["mm"] * 6, limit, information, right, starts)
-    of_share, seen, share_excess = equations_of(parts, rows, observed, shared)
+    solution = named_parameters.estimated(NAMES, ["mm"] * 6, limit, information, right, starts)
+    of_share, share_right, share_excess = equations_of(parts, rows, observed, shared)
     covariance = least_squares.covariance(of_share.sum(axis=0))
     data = np.column_stack([observed - observed[0], own])
     series = np.concatenate([least_squares.without(part.slow, data[part.rows]) for part in parts])
     weight, kept, _ = equations_of(parts, rows, -smooth.sum(axis=1), shared)
-    found |= {
+    solution |= {
         "time": time[np.concatenate([part.rows for part in parts])],
         "residual": series[:, 0],
-        "fitted": series[:, 1:] @ np.nan_to_num(found["value"]),
+        "fitted": series[:, 1:] @ np.nan_to_num(solution["value"]),
         "edge": rows["edge"].values,
-        "share": covariance @ seen.sum(axis=0),
+        "share": covariance @ share_right.sum(axis=0),
         "share_covariance": covariance,
         "expected": least_squares.stable_inverse(weight.sum(axis=0)) @ kept.sum(axis=0),
         "excess": [excess, share_excess],
         "density": [_densities(rows, parts, observed + more) for more in (0.0, band.sum(axis=1), smooth.sum(axis=1))],
     }
-    return build(SCHEMAS["estimate"], found)
+    return build(SCHEMAS["estimate"], solution)
 
 
 def equations_of(
@@ -299,15 +299,15 @@ def whitened_power(part: Block, observed: np.ndarray, step_s: float) -> tuple[np
 
 def _densities(rows, parts, observed):
     """Mean one-sided density (b,) m2 Hz-1 by band of a range (n,)."""
-    edges, step, found = rows["edge"].values, step_of(rows), []
+    edges, step, means = rows["edge"].values, step_of(rows), []
     for part in parts:
         frequency, power = whitened_power(part, observed, step)
         density = power * np.interp(frequency, np.linspace(0, 0.5 / step, BINS + 1), part.density)
         bands = zip(edges, edges[1:], strict=False)
-        found.append([density[(frequency >= low) & (frequency < high)].mean() for low, high in bands])
-    return np.mean(found, axis=0)
+        means.append([density[(frequency >= low) & (frequency < high)].mean() for low, high in bands])
+    return np.mean(means, axis=0)
 
 
-def check(pair: xr.Dataset, found: xr.Dataset, *, agreement_limit: float) -> xr.Dataset:
+def check(pair: xr.Dataset, solution: xr.Dataset, *, agreement_limit: float) -> xr.Dataset:
     """Checks of the pair ("kbr_phase_centre.checks") and of the result ("ranging.estimate")."""
-    return checks.product([*checks.of_product(pair), *named_parameters.checks(found, agreement_limit)])
+    return checks.product([*checks.of_product(pair), *named_parameters.checks(solution, agreement_limit)])

@@ -49,9 +49,9 @@ def observe(
 def _late_orbit(rows):
     """Observations of a day with one orbit of another time, by the range rate."""
     which = int(np.argmax(np.abs(rows["late"].values[3:])))
-    given = (rows[name].values for name in ("rate_time", "rate_left", "rate_change"))
+    series = (rows[name].values for name in ("rate_time", "rate_left", "rate_change"))
     delay = Parameter(float(rows["late"].values[3 + which]), WHOLE_S, "s")
-    return of_late_orbit(rows, *given, delay, "range rate", Routine.name, f"{'ab'[which]} alone")
+    return of_late_orbit(rows, *series, delay, "range rate", Routine.name, f"{'ab'[which]} alone")
 
 
 def late_columns(rows: xr.Dataset) -> dict[str, np.ndarray]:
@@ -62,14 +62,14 @@ def late_columns(rows: xr.Dataset) -> dict[str, np.ndarray]:
     """
     ranging, cameras = rows["late"].values[0], rows["late"].values[1:3]
     camera = np.mean(cameras[np.abs(cameras) > LATE_S]) if np.max(np.abs(cameras)) > LATE_S else 0.0
-    time, distance, found = rows["time"].values, rows["range"].values, {}
+    time, distance, columns = rows["time"].values, rows["range"].values, {}
     if abs(ranging) > LATE_S:
         then = CubicHermiteSpline(time, distance, rows["range_rate"].values)
         at = np.clip(time + ranging, time[0], time[-1])
-        found["ranging.delay"] = (distance - then(at))[:, None] / ranging
+        columns["ranging.delay"] = (distance - then(at))[:, None] / ranging
     if camera:
-        found["timing.star_camera_delay"] = rows["correction"].values[:, None] / camera
-    return found
+        columns["timing.star_camera_delay"] = rows["correction"].values[:, None] / camera
+    return columns
 
 
 @dataclass(frozen=True)
@@ -144,9 +144,9 @@ class Routine(Observations):
             return replace(entry, parameters={"delay": Parameter(float(np.mean(one)), float(error), "s")})
         if entry.cause != "ranging.phase_centre":
             return entry
-        found, limit = dict(entry.parameters), 1e-3 * self.determined_limit_mm
-        lost = [one for one, p in found.items() if p.sigma is not None and p.sigma > limit]
-        return replace(entry, parameters=found | {n: replace(found[n], value=None, sigma=None) for n in lost})
+        parameters, limit = dict(entry.parameters), 1e-3 * self.determined_limit_mm
+        lost = [one for one, p in parameters.items() if p.sigma is not None and p.sigma > limit]
+        return replace(entry, parameters=parameters | {n: replace(parameters[n], value=None, sigma=None) for n in lost})
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Rows without the effects of a model; noise of the star cameras is in the correction only."""

@@ -13,31 +13,31 @@ CORRECTIONS = ("none", "as_measured", "smoothed")
 
 def content(products):
     """Facts of the record, and what follows the result."""
-    found = products["estimate"]
+    estimate = products["estimate"]
     facts = {
         "satellites": products["align"].attrs["satellites"],
-        "readings": int(found.sizes["time"]),
-        "rms_of_blocks_mm": 1e3 * float(np.sqrt(np.mean(found["residual"].values ** 2))),
-        "rms_of_phase_centres_um": 1e6 * float(np.sqrt(np.mean(found["fitted"].values ** 2))),
+        "readings": int(estimate.sizes["time"]),
+        "rms_of_blocks_mm": 1e3 * float(np.sqrt(np.mean(estimate["residual"].values ** 2))),
+        "rms_of_phase_centres_um": 1e6 * float(np.sqrt(np.mean(estimate["fitted"].values ** 2))),
         "pointing_scatter_mrad": (1e3 * angles(products["align"]).std(axis=0)).ravel().tolist(),
-        "variance_at_wrong_times": found["excess"].values.tolist(),
+        "variance_at_wrong_times": estimate["excess"].values.tolist(),
     }
     return facts, [
-        Section("Antenna correction", [WORDS.table("share", shares(found))], [_share], [WORDS.note("share")]),
+        Section("Antenna correction", [WORDS.table("share", shares(estimate))], [_share], [WORDS.note("share")]),
         Section("Range", figures=[_range], notes=WORDS.notes["range"]),
     ]
 
 
-def shares(found):
+def shares(estimate):
     """Rows of the document: band, share with its error, what star cameras expect, density of the range, um/sqrt(Hz)."""
-    edge, sigma = 1e3 * found["edge"].values, np.sqrt(np.diag(found["share_covariance"].values))
-    density = 1e6 * np.sqrt(found["density"].values)
+    edge, sigma = 1e3 * estimate["edge"].values, np.sqrt(np.diag(estimate["share_covariance"].values))
+    density = 1e6 * np.sqrt(estimate["density"].values)
     return [
         {
             "band_mhz": edge[k : k + 2].tolist(),
-            "value": float(found["share"][k]),
+            "value": float(estimate["share"][k]),
             "sigma": float(sigma[k]),
-            "expected": float(found["expected"][k]),
+            "expected": float(estimate["expected"][k]),
             "range_um": dict(zip(CORRECTIONS, density[:, k].tolist(), strict=True)),
         }
         for k in range(sigma.size)
@@ -52,13 +52,13 @@ def more(products):
 
 
 @WORDS.figure("estimate", "align")
-def _share(panels, found, aligned):
+def _share(panels, estimate, aligned):
     left, right = panels
-    edge, known = 1e3 * found["edge"].values, slice(1, None)
+    edge, known = 1e3 * estimate["edge"].values, slice(1, None)
     middle = np.sqrt(edge[1:] * edge[:-1])[known]
-    sigma = np.sqrt(np.diag(found["share_covariance"].values))[known]
-    bars(left, middle, found["share"].values[known], sigma, color=COLOURS["blue"], label="range")
-    left.plot(middle, found["expected"].values[known], "x", color=COLOURS["vermilion"], label="star cameras expect")
+    sigma = np.sqrt(np.diag(estimate["share_covariance"].values))[known]
+    bars(left, middle, estimate["share"].values[known], sigma, color=COLOURS["blue"], label="range")
+    left.plot(middle, estimate["expected"].values[known], "x", color=COLOURS["vermilion"], label="star cameras expect")
     left.axhline(0, color=COLOURS["grey"], lw=0.6)
     left.set_xscale("log")
     left.set_xticks(edge[1:], [f"{one:g}" for one in edge[1:]])
@@ -75,10 +75,10 @@ def _share(panels, found, aligned):
 
 
 @WORDS.figure("estimate")
-def _range(panels, found):
+def _range(panels, estimate):
     above, below = panels
-    hours = (found["time"].values - found["time"].values[0]) / 3600
-    residual, fitted = (opened(hours, found[name].values, 0.1) for name in ("residual", "fitted"))
+    hours = (estimate["time"].values - estimate["time"].values[0]) / 3600
+    residual, fitted = (opened(hours, estimate[name].values, 0.1) for name in ("residual", "fitted"))
     above.plot(*thinned(residual[0], 1e3 * residual[1]), color=COLOURS["sky"], label="ranging minus orbit")
     below.plot(*thinned(fitted[0], 1e6 * fitted[1]), color=COLOURS["vermilion"], label="phase centres")
 

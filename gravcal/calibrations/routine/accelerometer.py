@@ -52,7 +52,7 @@ def align(
     Given are "ingest" of ACC1A, SCA1B, GNV1B, TIM1B and CLK1B, others those of MAG1B and THR1B, as far as there are.
     Settings have inertia (3, 3), dipole_per_current (3,) A m2 mA-1, position_b and force_b (14, 3) as THR1B has them.
     """
-    given = {one.attrs["product"]: one for one in others}
+    by_product = {one.attrs["product"]: one for one in others}
     tags = gps_tags(acc, tim1b, clk1b, clock_gap_limit_s)
     names = [f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz"]
     time, values, flag, _ = sorted_samples(acc, tags, tuple(names))
@@ -71,8 +71,8 @@ def align(
     mean = np.stack([np.bincount(place, one) for one in values.T], axis=1) / np.maximum(count, 1)[:, None]
     mean[count < 0.7 * np.median(count[count > 0])] = np.nan  # a mean of half a step is another signal
     if np.isfinite(mean[:, 0]).sum() < LEAST:
-        found, remedy = f"{np.isfinite(mean[:, 0]).sum()} steps of {step_s:g} s with readings", "Give a longer record."
-        refuse("accelerometer", found, LEAST, remedy, EstimationError)
+        steps, remedy = f"{np.isfinite(mean[:, 0]).sum()} steps of {step_s:g} s with readings", "Give a longer record."
+        refuse("accelerometer", steps, LEAST, remedy, EstimationError)
     middle = first + step_s * (np.arange(count.size) + 0.5)
     # a firing is short, samples are not at whole tenths: a mean belongs to the time that its samples cover
     half = np.median(np.diff(time)) / 2
@@ -80,16 +80,16 @@ def align(
     ends = np.stack([middle - step_s / 2, middle + step_s / 2])
     ends[0, held] = np.minimum.reduceat(time, np.searchsorted(place, held)) - half
     ends[1, held] = np.maximum.reduceat(time, np.searchsorted(place, held)) + half
-    found = {"time": middle, "linear_b": mean[:, :3], "angular_b": mean[:, 3:], "step": step_s}
-    found |= {"begin": ends[0], "end": ends[1]}
-    found |= _torquers(given.get("MAG1B"), ends, np.asarray(dipole_per_current))
+    aligned = {"time": middle, "linear_b": mean[:, :3], "angular_b": mean[:, 3:], "step": step_s}
+    aligned |= {"begin": ends[0], "end": ends[1]}
+    aligned |= _torquers(by_product.get("MAG1B"), ends, np.asarray(dipole_per_current))
     field_at = magnetic.body_field(orbit_time, state[:, :3], sca_time, frames.continuous(quaternion), igrf_generation)
     field_b, _ = field_at(np.clip(middle, sca_time[0], sca_time[-1]))
-    torque = np.cross(found["dipole_b"], field_b)
-    found |= {"magnetic_b": np.linalg.solve(inertia, torque.T).T}
+    torque = np.cross(aligned["dipole_b"], field_b)
+    aligned |= {"magnetic_b": np.linalg.solve(inertia, torque.T).T}
     lever = np.cross(np.asarray(position_b)[:12], np.asarray(force_b)[:12])
-    found |= _firings(given.get("THR1B")) | {"nominal_b": np.linalg.solve(inertia, (lever[:6] + lever[6:]).T).T}
-    return build(SCHEMAS["align"], found)
+    aligned |= _firings(by_product.get("THR1B")) | {"nominal_b": np.linalg.solve(inertia, (lever[:6] + lever[6:]).T).T}
+    return build(SCHEMAS["align"], aligned)
 
 
 def _torquers(mag, ends, dipole_per_current):
@@ -123,7 +123,7 @@ def _firings(fired):
 def duty(aligned: xr.Dataset, delay_s: float) -> np.ndarray:
     """Share (n, 6) of every step in which each pair is on, if tags of firings are late by so many seconds."""
     ends = np.stack([aligned["begin"].values, aligned["end"].values])
-    found = np.zeros((ends.shape[1], len(PAIRS)))
+    seconds = np.zeros((ends.shape[1], len(PAIRS)))
     for pair in range(len(PAIRS)):
         on = aligned["on"].values[:, pair]
         begin, on = aligned["firing"].values[on > 0] - delay_s, on[on > 0]
@@ -131,8 +131,8 @@ def duty(aligned: xr.Dataset, delay_s: float) -> np.ndarray:
             end = np.minimum(begin + on, np.append(begin[1:], np.inf))
             total = np.repeat(np.cumsum(end - begin), 2)
             nodes = np.stack([begin, end], axis=1).ravel()
-            found[:, pair] = np.diff(np.interp(ends, nodes, np.append(0.0, total[:-1])), axis=0)[0]
-    return found / (ends[1] - ends[0])[:, None]
+            seconds[:, pair] = np.diff(np.interp(ends, nodes, np.append(0.0, total[:-1])), axis=0)[0]
+    return seconds / (ends[1] - ends[0])[:, None]
 
 
 def causes(aligned: xr.Dataset, delay_s: float, amplitude: np.ndarray) -> list[Candidate]:
@@ -229,13 +229,13 @@ def estimate(
     groups = [group == number for number in np.unique(group)]
     both = [np.stack([each[g].sum(axis=0) for g in groups]) for each in (information, right)]
     starts = [aligned["time"].values[pieces[np.flatnonzero(g)[0]][0][0]] for g in groups]
-    found = named_parameters.estimated(names, units, np.full(size.size, determined_ratio), *both, starts, size)
+    solution = named_parameters.estimated(names, units, np.full(size.size, determined_ratio), *both, starts, size)
     fitted = design @ (value / size)
-    found |= {"cause": [one.cause for one in known], "gain": gains[0], "chance": gains[1]}
+    solution |= {"cause": [one.cause for one in known], "gain": gains[0], "chance": gains[1]}
     left, rows = _left(pieces, observed - fitted), np.concatenate([rows for rows, *_ in pieces])
     rest = np.concatenate(left)
-    found |= {"time": aligned["time"].values[rows], "measured": rest + fitted[rows], "fitted": fitted[rows]}
-    return build(SCHEMAS["estimate"], found | _transients(aligned, pieces, left, by_component, transient_sigma))
+    solution |= {"time": aligned["time"].values[rows], "measured": rest + fitted[rows], "fitted": fitted[rows]}
+    return build(SCHEMAS["estimate"], solution | _transients(aligned, pieces, left, by_component, transient_sigma))
 
 
 def noises(
@@ -253,10 +253,10 @@ def noises(
     for _ in range(CALMER):
         calm = [np.where(still[:, None], one, np.nan) for still, one in zip(quiet, left, strict=True)]
         made = (fit_noise([one[:, c] for one in calm], order, step, removed) for c in range(6))
-        found = [one if read else None for one, read in zip(made, readings(aligned).any(axis=0), strict=True)]
-        far = [np.abs(one).max(axis=1) >= limit for one in _white(pieces, left, found)]
+        models = [one if read else None for one, read in zip(made, readings(aligned).any(axis=0), strict=True)]
+        far = [np.abs(one).max(axis=1) >= limit for one in _white(pieces, left, models)]
         quiet = [there & ~binary_dilation(one, wide) for (*_, there), one in zip(pieces, far, strict=True)]
-    return found, [(rows, slow, there & ~one) for (rows, slow, there), one in zip(pieces, far, strict=True)]
+    return models, [(rows, slow, there & ~one) for (rows, slow, there), one in zip(pieces, far, strict=True)]
 
 
 def _first_delay(aligned, pieces, observed):
@@ -271,10 +271,10 @@ def _first_delay(aligned, pieces, observed):
     step, share = float(aligned["step"]), duty(aligned, 0.0)
     read = np.zeros((len(share), series.shape[1]))
     read[rows] = series
-    moved, seen = (np.fft.rfft(one, 2 * len(share), axis=0) for one in (share, read))
-    moved, seen = np.repeat(moved, seen.shape[1], axis=1), np.tile(seen, len(PAIRS))
+    moved, reading = (np.fft.rfft(one, 2 * len(share), axis=0) for one in (share, read))
+    moved, reading = np.repeat(moved, reading.shape[1], axis=1), np.tile(reading, len(PAIRS))
     most, near = min(int(APART_S / step), len(share) // 2), max(int(LATEST_S / step), 1)
-    late = -timing.lag(seen, moved, most, near, either=True)
+    late = -timing.lag(reading, moved, most, near, either=True)
     fine = step / 20
     tried = fine * np.arange(-int(LATEST_S / fine), int(LATEST_S / fine) + 1) + step * late * (abs(late) > near)
     share = [duty(aligned, delay)[rows] for delay in tried]
@@ -284,13 +284,13 @@ def _first_delay(aligned, pieces, observed):
 
 def _gains(known, information, value):
     """Chi-square that each cause takes beside all others, which are free, and the chance of it, corrected."""
-    inverse, gains, seen, first = least_squares.stable_inverse(information), [], [], 0
+    inverse, gains, freedom, first = least_squares.stable_inverse(information), [], [], 0
     for one in known:
         rows = np.arange(first, first + len(one.names))
         rows, first = rows[np.diag(information)[rows] > 0], first + len(one.names)
         gains.append(value[rows] @ least_squares.stable_inverse(inverse[np.ix_(rows, rows)]) @ value[rows])
-        seen.append(rows.size)
-    return gains, np.minimum(len(known) * np.exp(chi2_tail.log_tail(gains, np.maximum(seen, 1))), 1.0)
+        freedom.append(rows.size)
+    return gains, np.minimum(len(known) * np.exp(chi2_tail.log_tail(gains, np.maximum(freedom, 1))), 1.0)
 
 
 def _normal(pieces, observed, design, noises):
@@ -337,17 +337,17 @@ def _transients(aligned, pieces, left, noises, limit):
     time = np.concatenate([aligned["time"].values[rows] for rows, *_ in pieces])
     white = np.concatenate(_white(pieces, left, noises))
     far = np.flatnonzero(np.abs(white).max(axis=1) > limit)
-    found = []
+    transients = []
     for group in np.split(far, np.flatnonzero(np.diff(time[far]) > TOGETHER_S) + 1) if far.size else ():
         component = int(np.abs(white[group]).max(axis=0).argmax())
         peak = group[np.abs(white[group, component]).argmax()]
         near = white[np.abs(time - time[peak]) < TOGETHER_S, component]
-        found.append((time[peak], np.sum(np.diff(np.sign(near[np.abs(near) > limit / 2])) != 0)))
-    return dict(zip(("transient", "transient_swings"), np.reshape(found, (-1, 2)).T, strict=True))
+        transients.append((time[peak], np.sum(np.diff(np.sign(near[np.abs(near) > limit / 2])) != 0)))
+    return dict(zip(("transient", "transient_swings"), np.reshape(transients, (-1, 2)).T, strict=True))
 
 
-def check(found: xr.Dataset, *, agreement_limit: float, delay_limit_s: float) -> xr.Dataset:
+def check(solution: xr.Dataset, *, agreement_limit: float, delay_limit_s: float) -> xr.Dataset:
     """Checks of the result: its parts by the probability that they disagree so much, tags of firings by their delay."""
-    delay = found["value"].values[list(map(str, found["parameter"].values)).index("delay")]
+    delay = solution["value"].values[list(map(str, solution["parameter"].values)).index("delay")]
     made = [checks.at_most("tags of firings against readings", abs(float(np.nan_to_num(delay))), delay_limit_s, "s")]
-    return checks.product([*made, *named_parameters.checks(found, agreement_limit)])
+    return checks.product([*made, *named_parameters.checks(solution, agreement_limit)])

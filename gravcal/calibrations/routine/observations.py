@@ -25,23 +25,23 @@ def observe(
 
     Products are "align" and "estimate" of routine: noise, delay and size of firings are those with every cause free.
     """
-    aligned, found = products["align"], products["estimate"]
+    aligned, estimate = products["align"], products["estimate"]
     pieces = list(accelerometer.blocks(aligned, block_s, knot_s))
-    rest = (found["measured"] - found["fitted"]).values
+    rest = (estimate["measured"] - estimate["fitted"]).values
     left = np.split(rest, np.cumsum([rows.size for rows, *_ in pieces])[:-1])
-    count = found.sizes["parameter"] // 6
+    count = estimate.sizes["parameter"] // 6
     noises, kept = accelerometer.noises(aligned, pieces, left, noise_order, count, transient_sigma)
     parts = [(*one, c) for one in kept for c in range(6) if noises[c] is not None]
     order = dict.fromkeys(Readings.channels, noises[parts[0][3]].coefficients[-1].size)
-    return Readings(aligned, parts, noises, _causes(aligned, found), order)
+    return Readings(aligned, parts, noises, _causes(aligned, estimate), order)
 
 
-def _causes(aligned, found):
+def _causes(aligned, estimate):
     """Columns beside what the model foretells, firings where they were; a late tag has the column of its whole size.
 
     What firings do to a satellite whose offset is not zero is in their own force: by torquers alone is it told apart.
     """
-    value = dict(zip(map(str, found["parameter"].values), found["value"].values, strict=True))
+    value = dict(zip(map(str, estimate["parameter"].values), estimate["value"].values, strict=True))
     delay = float(np.nan_to_num(value["delay"]))
     made = {one.cause: one for one in accelerometer.causes(aligned, delay, np.zeros((6, 6)))}
     near = max(abs(delay), NEAR_S)  # within which a delay is linear

@@ -34,30 +34,30 @@ SERIES = {
 
 def content(products):
     """Facts and sections of the accelerometer."""
-    found, aligned = products["estimate"], products["align"]
-    swings, epoch = found["transient_swings"].values, found["transient"].values
+    estimate, aligned = products["estimate"], products["align"]
+    swings, epoch = estimate["transient_swings"].values, estimate["transient"].values
     step, rate = float(aligned["step"]), np.abs(aligned["dipole_rate_b"].values).max(axis=1)
-    times, fired = found["time"].values, aligned["firing"].values
-    near = np.searchsorted(aligned["time"].values, found["transient"].values - step / 4)
+    times, fired = estimate["time"].values, aligned["firing"].values
+    near = np.searchsorted(aligned["time"].values, estimate["transient"].values - step / 4)
     facts = {
-        "seconds": step * found.sizes["time"],
+        "seconds": step * estimate.sizes["time"],
         "firings": int(np.sum((fired > times[0]) & (fired < times[-1]))),
         "transients": int(swings.size),
         "transients_that_swing": int(np.sum(swings >= 2)),
         "transients_near_a_firing": int(np.sum([np.any(np.abs(fired - one) < 3 * step) for one in epoch])),
         "transients_at_a_change_of_current": int(np.sum(rate[near] > 3 * np.sqrt(np.mean(rate**2)))),
     }
-    facts |= thrust_and_inertia(found, aligned)
+    facts |= thrust_and_inertia(estimate, aligned)
     return facts, [Section("Accelerometer", figures=[_readings], notes=WORDS.notes["accelerometer"])]
 
 
-def thrust_and_inertia(found, aligned) -> dict:
+def thrust_and_inertia(estimate, aligned) -> dict:
     """Thrust and torquers about each axis over nominal, and which of thrust and inertia is wrong.
 
     A moment of inertia that is too large by a share makes both larger by it, a thrust the firings alone.
     """
-    names = [str(name) for name in found["parameter"].values]
-    value, sigma = (dict(zip(names, found[one].values, strict=True)) for one in ("value", "sigma"))
+    names = [str(name) for name in estimate["parameter"].values]
+    value, sigma = (dict(zip(names, estimate[one].values, strict=True)) for one in ("value", "sigma"))
     facts = {}
     for axis, word in enumerate("xyz"):
         rows = []
@@ -80,7 +80,7 @@ def thrust_and_inertia(found, aligned) -> dict:
 
 
 def report(
-    *given,
+    *datasets,
     names: Sequence[str],
     missing: Mapping[str, str],
     pages: Mapping[str, Page],
@@ -88,7 +88,7 @@ def report(
     settings: Mapping,
 ):
     """Report product of a day and its files, from products named "part.stage" and what parts could not run for."""
-    products = dict(zip(names, given, strict=True))
+    products = dict(zip(names, datasets, strict=True))
     searches = {part: products[f"{part}.discovery"] for part in pages if f"{part}.discovery" in products}
     if _of_other_times({part: outcome_of(one) for part, one in searches.items()}):
         products.pop("accelerometer.discovery", None)
@@ -121,17 +121,17 @@ def _instrument(part, own, mine):
     facts, shown = own.content(mine)
     more, _ = own.more(mine)
     known = document(mine["estimate"])
-    found = outcome_of(mine["discovery"]) if "discovery" in mine else None
-    findings, statistics = found.findings if found else (), _statistics(part, mine)
+    outcome = outcome_of(mine["discovery"]) if "discovery" in mine else None
+    findings, statistics = outcome.findings if outcome else (), _statistics(part, mine)
     named = [
         {n: plain(one)[n] for n in ("cause", "form", "parameters", "tied_with", "significance")} for one in findings
     ]
-    told = ", ".join(discovery_words.title(one.cause) for one in findings) or "nothing is named"
-    told = told if found else "not searched"
-    said = f"{part}: {told}" + (", and more is left than noise" if found and not found.adequate_after else "")
+    verdict = ", ".join(discovery_words.title(one.cause) for one in findings) or "nothing is named"
+    verdict = verdict if outcome else "not searched"
+    said = f"{part}: {verdict}" + (", and more is left than noise" if outcome and not outcome.adequate_after else "")
     made = {"status": "fitted", "said": said, "proven_on": PROVEN[part], "statistics": statistics, "causes": named}
     numbers = {"adequate": "adequate_after", "p_before": "p_before", "p_after": "p_after"}
-    made |= {name: getattr(found, field, None) for name, field in numbers.items()}
+    made |= {name: getattr(outcome, field, None) for name, field in numbers.items()}
     tables = [WORDS.table("statistics", statistics)]
     tables += [findings_table(findings), tied_table(findings)] if findings else []
     tables += [parameter_table(known["parameters"], f"{part}.estimate"), *_placed(part, shown, "tables")]
@@ -149,8 +149,8 @@ def _placed(part, sections, kind):
 def _of_other_times(searches: Mapping[str, Outcome | None]) -> str:
     """What searches of other parts say of records that the accelerometer is held against, if tags are minutes off."""
     said = []
-    for found in filter(None, map(searches.get, HOLDERS)):
-        for one in found.findings:
+    for outcome in filter(None, map(searches.get, HOLDERS)):
+        for one in outcome.findings:
             delay = one.parameters["delay"].value if one.cause in HELD and "delay" in one.parameters else None
             if delay is not None and abs(delay) > LATE_S:
                 said.append(f"{discovery_words.title(one.cause)} {delay:.0f} s")
@@ -162,20 +162,20 @@ def title(part: str) -> str:
     return TITLES.get(part, part.capitalize())
 
 
-def discovered(*found, parts: Mapping, missing: Mapping[str, str], reported: Mapping, event: str, settings: Mapping):
+def discovered(*searches, parts: Mapping, missing: Mapping[str, str], reported: Mapping, event: str, settings: Mapping):
     """Report product of the searches of all parts, and its files: document, page, and a model of each that takes one.
 
     Parts are {part: calibration, event and settings}, missing {part: why it has none}, reported {part: Reported}.
     """
-    apart = _of_other_times({p: outcome_of(one) for p, one in zip(parts, found, strict=True)})
-    searched = {part: (known, one) for (part, known), one in zip(parts.items(), found, strict=True)}
+    apart = _of_other_times({p: outcome_of(one) for p, one in zip(parts, searches, strict=True)})
+    searched = {part: (known, one) for (part, known), one in zip(parts.items(), searches, strict=True)}
     if apart and searched.pop("accelerometer", None):
         missing = {**missing, "accelerometer": apart}
-    told = {part: {"status": "no_data", "said": why} for part, why in missing.items()}
+    state = {part: {"status": "no_data", "said": why} for part, why in missing.items()}
     sections, files, findings, products = [], {}, [], {}
     for part, (known, one) in searched.items():
         made, outcome = discovery.judged(one, **known, reported=reported[part])
-        told[part] = made | {"proven_on": PROVEN[part]}
+        state[part] = made | {"proven_on": PROVEN[part]}
         findings += [finding | {"part": part} for finding in made["findings"]]
         shown = discovery.sections(one, outcome, reported[part])
         notes = [made["verdict"]["text"], reported[part].note, f"Proven on {PROVEN[part]}."]
@@ -184,7 +184,7 @@ def discovered(*found, parts: Mapping, missing: Mapping[str, str], reported: Map
         if outcome.findings and "model" in known["settings"]:
             files[f"{part}.toml"] = discovery.model_text(outcome.findings, known["event"])
     sections += [Section(title(part), notes=[f"Not searched: {why}."]) for part, why in missing.items()]
-    searched = {part: one for part, one in told.items() if part in searched}
+    searched = {part: one for part, one in state.items() if part in searched}
     said = [f"{title(part)}: {one['verdict']['text']}" for part, one in searched.items()]
     said += [f"{title(part)}: not searched, {why}." for part, why in missing.items()]
     body = {
@@ -193,14 +193,14 @@ def discovered(*found, parts: Mapping, missing: Mapping[str, str], reported: Map
         "verdict": {"text": " ".join(said)},
         "findings": findings,
         **{when: all(one[when] for one in searched.values()) for when in ("adequate_before", "adequate_after")},
-        "parts": told,
+        "parts": state,
         "gain": {part: one["gain"] for part, one in searched.items()},
         "unexplained": {part: one["unexplained"] for part, one in searched.items() if one["unexplained"]},
         "indistinguishable_from_calibration": [],
         "calibration_change": {},
     }
     document = documents.delivered("routine", body, products, [], event=event, settings=settings)
-    heading, subtitle = "What the models of a routine day get wrong", f"{len(parts)} of {len(told)} parts have records"
+    heading, subtitle = "What the models of a routine day get wrong", f"{len(parts)} of {len(state)} parts have records"
     files["discovery.json"] = documents.text(document)
     files["discovery.html"] = page(document, sections, products, heading=heading, subtitle=subtitle)
     return build(schemas.of("shared.toml")["report"], {"delivered": int(bool(parts))}, event=event), files
@@ -226,14 +226,14 @@ def _statistics(part, mine):
 
 
 @WORDS.figure("estimate")
-def _readings(panels, found):
-    minutes = (found["time"].values - found["time"].values[0]) / 60
+def _readings(panels, estimate):
+    minutes = (estimate["time"].values - estimate["time"].values[0]) / 60
     black = {"color": COLOURS["black"], "linewidth": 0.5, "label": "simulated"}
     for c, panel in enumerate(panels):
         factor = 1e9 if c < 3 else 1e6
         own = AXIS["xyz"[c % 3]] | {"linewidth": 0.5, "label": "xyz"[c % 3]}
-        panel.plot(*thinned(minutes, factor * found["measured"].values[:, c]), **own)
-        panel.plot(*thinned(minutes, factor * found["fitted"].values[:, c]), **black)
+        panel.plot(*thinned(minutes, factor * estimate["measured"].values[:, c]), **own)
+        panel.plot(*thinned(minutes, factor * estimate["fitted"].values[:, c]), **black)
 
 
 PAGE = Page("routine", "Accelerometer", "Accelerometer", ("estimate", "align", "checks"), content)

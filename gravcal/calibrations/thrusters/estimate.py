@@ -141,26 +141,26 @@ def estimate(
     names = [*NAMES, *(f"camera_{head}_{axis}" for head in heads for axis in "xyz")]
     starts = [rows[np.flatnonzero(g)[0]].segment.camera.time[0] for g in groups]
     units = [*UNITS, *["rad"] * (3 * len(heads))]
-    found = named_parameters.estimated(names, units, limit, information, right, starts)
-    found |= {"shift": SHIFTS_S, "shifted_gain": shifted, "gain": chi2, "inflation": factor}
-    return build(SCHEMAS["estimate"], found | {"firings": firings.time.size})
+    solution = named_parameters.estimated(names, units, limit, information, right, starts)
+    solution |= {"shift": SHIFTS_S, "shifted_gain": shifted, "gain": chi2, "inflation": factor}
+    return build(SCHEMAS["estimate"], solution | {"firings": firings.time.size})
 
 
-def check(aligned: xr.Dataset, found: xr.Dataset, **limits: float) -> xr.Dataset:
+def check(aligned: xr.Dataset, solution: xr.Dataset, **limits: float) -> xr.Dataset:
     """Checks of the inputs against each other and of the result, "thrusters.align" and "thrusters.estimate"."""
     jump = checks.attitude_jump(aligned["time"].values, aligned["quaternion"].values)
-    ratio, inflated = found["gain"] / max(float(found["shifted_gain"].max()), 1.0), found["inflation"]
+    ratio, inflated = solution["gain"] / max(float(solution["shifted_gain"].max()), 1.0), solution["inflation"]
     _, angle, rate = model.off_the_orbit(aligned)
     apart, error = abs(np.median(angle / rate)), aligned["velocity_error"]
     made = [
         at_most("tags of the attitude against the orbit", apart, limits["camera_limit_s"], "s"),
         at_most("jump of the attitude", jump, limits["jump_limit_rad"], "rad"),
         at_most("velocity against change of position", error, limits["velocity_limit_m_s"], "m s-1"),
-        at_least("firings in the record", int(found["firings"]), 1, "1"),
+        at_least("firings in the record", int(solution["firings"]), 1, "1"),
         at_least("chi-square gained by the firings over the most at wrong times", ratio, 1.0, "1"),
         at_most("variance of the day over that of its quiet stretches", inflated, limits["inflation_limit"], "1"),
     ]
-    value, sigma = found["value"].values[:3], found["sigma"].values[:3]
+    value, sigma = solution["value"].values[:3], solution["sigma"].values[:3]
     if np.isfinite(value).any():
         made.append(at_least("smallest gain and three sigma", np.nanmin(value + 3 * sigma), 0.0, "1"))
-    return checks.product([*made, *named_parameters.checks(found, limits["agreement_limit"])])
+    return checks.product([*made, *named_parameters.checks(solution, limits["agreement_limit"])])

@@ -81,23 +81,23 @@ def align(
     norm = np.linalg.norm(values[:, :4], axis=1)
     good = (flag == 0) & np.isfinite(values).all(axis=1) & (np.abs(norm - 1) < 1e-3)
     if good.sum() < QUIET_LEAST:
-        found, file = f"{good.sum()} usable attitudes", observed.attrs.get("file", "SCA1B")
-        refuse(file, found, f"at least {QUIET_LEAST}", "Give a longer record.", EstimationError, usable=int(good.sum()))
-    found = {"time": time[good], "quaternion": frames.continuous(values[good, :4] / norm[good, None])}
-    found |= {"head": values[good, 4].astype(int), "quality": values[good, 5], "step": np.median(np.diff(time[good]))}
+        count, file = f"{good.sum()} usable attitudes", observed.attrs.get("file", "SCA1B")
+        refuse(file, count, f"at least {QUIET_LEAST}", "Give a longer record.", EstimationError, usable=int(good.sum()))
+    aligned = {"time": time[good], "quaternion": frames.continuous(values[good, :4] / norm[good, None])}
+    aligned |= {"head": values[good, 4].astype(int), "quality": values[good, 5], "step": np.median(np.diff(time[good]))}
     own = _firings(fired, position_b, force_b)
-    found |= {"firing": own.time, "impulse_b": own.impulse_b}
+    aligned |= {"firing": own.time, "impulse_b": own.impulse_b}
     for other in twin:
         firings = _firings(other, position_b, force_b)
-        found |= {"twin_firing": firings.time, "twin_impulse_b": firings.impulse_b}
+        aligned |= {"twin_firing": firings.time, "twin_impulse_b": firings.impulse_b}
     time = orbit["time_tag"].values
     position, velocity = (np.stack([orbit[f"{a}{k}"].values for a in "xyz"], axis=1) for k in ("pos", "vel"))
     inertial, velocity_i = earth.state_to_inertial(time, position, velocity)
     every = slice(None, None, max(int(round(ORBIT_STEP_S / np.median(np.diff(time)))), 1))
     field_e = magnetic.field_e(time[every], position[every], igrf_generation)
-    found |= {"time_orbit": time[every], "position_i": inertial[every]}
-    found |= {"field_i": np.matvec(np.swapaxes(earth.R_ei(time[every]), 1, 2), field_e)}
-    return build(SCHEMAS["align"], found | {"velocity_error": checks.velocity_error(time, inertial, velocity_i)})
+    aligned |= {"time_orbit": time[every], "position_i": inertial[every]}
+    aligned |= {"field_i": np.matvec(np.swapaxes(earth.R_ei(time[every]), 1, 2), field_e)}
+    return build(SCHEMAS["align"], aligned | {"velocity_error": checks.velocity_error(time, inertial, velocity_i)})
 
 
 def _firings(observed, position_b, force_b):
@@ -299,9 +299,9 @@ def quiet_noise(
     pieces = list(_quiet(one.camera, one.firings.time, quiet_minimum_s, knot_s))
     samples = sum(len(residual) for residual, *_ in pieces)
     if samples < QUIET_LEAST:
-        found, expected = f"{samples} epochs without a firing", f"{QUIET_LEAST} to measure the noise of the attitude"
+        epochs, expected = f"{samples} epochs without a firing", f"{QUIET_LEAST} to measure the noise of the attitude"
         remedy = "Give a longer record or a smaller quiet_minimum_s."
-        refuse("attitude", found, expected, remedy, EstimationError, stretches=len(pieces))
+        refuse("attitude", epochs, expected, remedy, EstimationError, stretches=len(pieces))
     residual, head = (np.concatenate([piece[k] for piece in pieces]) for k in (0, 1))
     removed = sum(piece[3] for piece in pieces)
     factor = {}
@@ -311,8 +311,8 @@ def quiet_noise(
             covariance = own.T @ own / len(own) * samples / (samples - removed)
             factor[int(known)] = np.linalg.inv(np.linalg.cholesky(covariance))
     if not factor:
-        found, remedy = f"{samples} quiet epochs of {np.unique(head).size} cameras", "Give a longer record."
-        refuse("attitude", found, f"{head_minimum} of one to measure its noise", remedy, EstimationError)
+        epochs, remedy = f"{samples} quiet epochs of {np.unique(head).size} cameras", "Give a longer record."
+        refuse("attitude", epochs, f"{head_minimum} of one to measure its noise", remedy, EstimationError)
     grids = []
     for values, heads, place, _ in pieces:
         known = np.isin(heads, list(factor))
@@ -323,9 +323,9 @@ def quiet_noise(
         grids.append(grid)
     step = one.camera.step_s
     models = [fit_noise([grid[:, axis] for grid in grids], noise_order, step, removed) for axis in range(3)]
-    found = {"head": list(factor), "factor": list(factor.values()), "step": step}
-    found |= {"reflection": [m.reflection for m in models], "variance": [m.variance for m in models]}
-    return build(SCHEMAS["noise"], found | {"stretches": len(pieces), "samples": samples})
+    noise = {"head": list(factor), "factor": list(factor.values()), "step": step}
+    noise |= {"reflection": [m.reflection for m in models], "variance": [m.variance for m in models]}
+    return build(SCHEMAS["noise"], noise | {"stretches": len(pieces), "samples": samples})
 
 
 def _quiet(camera, firing_times, quiet_minimum_s, knot_s) -> Iterator[tuple]:

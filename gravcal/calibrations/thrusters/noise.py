@@ -29,7 +29,7 @@ def on_grid(observed: xr.Dataset, mounting) -> tuple[np.ndarray, dict[int, np.nd
     `observed` is "ingest" of SCA1A, mounting (heads, 4) as QSA1B has it. Tags of heads may differ by part of a step: an
     attitude is moved to the epoch by its own rate over some seconds, so that its noise stays as it is.
     """
-    mounting, found = np.asarray(mounting), {}
+    mounting, series = np.asarray(mounting), {}
     for head in range(1, len(mounting) + 1):
         own = observed.isel(record=np.flatnonzero(observed["sca_id"].values == head))
         time, values, flag, _ = sorted_samples(own, own_tags(own), QUATERNION, (own["qualflg"].values & BAD) != 0)
@@ -37,13 +37,13 @@ def on_grid(observed: xr.Dataset, mounting) -> tuple[np.ndarray, dict[int, np.nd
         good = (flag == 0) & (np.abs(norm - 1) < 1e-3)
         if good.sum() > 2 * AROUND:
             unit, place = values[good] / norm[good, None], mounting[head - 1] / np.linalg.norm(mounting[head - 1])
-            found[head] = time[good], frames.quaternion_product(unit, place)
-    if not found:
+            series[head] = time[good], frames.quaternion_product(unit, place)
+    if not series:
         return np.zeros(0), {}
-    first, last = (fold(time[at] for time, _ in found.values()) for fold, at in ((min, 0), (max, -1)))
-    step = max(np.median(np.diff(time)) for time, _ in found.values())
+    first, last = (fold(time[at] for time, _ in series.values()) for fold, at in ((min, 0), (max, -1)))
+    step = max(np.median(np.diff(time)) for time, _ in series.values())
     grid, attitudes = first + step * np.arange(int((last - first) / step) + 1), {}
-    for head, (time, quaternion) in found.items():
+    for head, (time, quaternion) in series.items():
         at = np.rint((time - time[0]) / step + np.rint((time[0] - first) / step)).astype(int)
         ends = np.clip(np.arange(time.size) + np.array([[-AROUND], [AROUND]]), 0, time.size - 1)
         span = time[ends[1]] - time[ends[0]]
@@ -166,18 +166,18 @@ def heads(observed: xr.Dataset, *, mounting, block_s: float, parts: int) -> xr.D
     value, covariance, *agreement = _solved(ranges, every, axes_b, block_s)
     each = [_solved([part], every, axes_b, block_s) for part in ranges]
     biases, noises = 3 * max(len(every) - 1, 0), [f"{head}_{axis}" for head in every for axis in "xyz"]
-    found = {"parameter": [f"bias_{one}" for one in noises[3:]]}
-    found["parameter"] += [f"noise_{one}_{band}" for band in BANDS_HZ for one in noises]
-    found |= {"unit": ["rad"] * biases + ["rad Hz-1/2"] * (value.size - biases)}
-    found |= {"value": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
-    found |= {"part_start": [part[0][0] for part in ranges], "blocks": len(pieces)}
-    found |= {"part_value": np.reshape([one[0] for one in each], (len(each), value.size))}
-    found |= {"part_sigma": np.reshape([np.sqrt(np.diag(one[1])) for one in each], (len(each), value.size))}
-    found |= dict(zip(("agreement_chi2", "agreement_dof"), agreement, strict=True))
+    solution = {"parameter": [f"bias_{one}" for one in noises[3:]]}
+    solution["parameter"] += [f"noise_{one}_{band}" for band in BANDS_HZ for one in noises]
+    solution |= {"unit": ["rad"] * biases + ["rad Hz-1/2"] * (value.size - biases)}
+    solution |= {"value": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
+    solution |= {"part_start": [part[0][0] for part in ranges], "blocks": len(pieces)}
+    solution |= {"part_value": np.reshape([one[0] for one in each], (len(each), value.size))}
+    solution |= {"part_sigma": np.reshape([np.sqrt(np.diag(one[1])) for one in each], (len(each), value.size))}
+    solution |= dict(zip(("agreement_chi2", "agreement_dof"), agreement, strict=True))
     turns = {code: _turn(code, value, every, axes_b) for code in range(1, 2 ** len(mounting))}
     turns = {code: one for code, one in turns.items() if one is not None}
-    found |= {"code": list(turns), "turn_b": np.reshape(list(turns.values()), (len(turns), 3))}
-    return build(SCHEMAS["heads"], found)
+    solution |= {"code": list(turns), "turn_b": np.reshape(list(turns.values()), (len(turns), 3))}
+    return build(SCHEMAS["heads"], solution)
 
 
 def _solved(ranges, every, axes_b, block_s):

@@ -105,8 +105,8 @@ class Attitude(Observations):
         turns = dict(zip(self.heads["code"].values.tolist(), self.heads["turn_b"].values, strict=True))
         used = {int(head) & HEADS for head in model.heads_of(segments)}
         bias = [str(name).startswith("bias") for name in self.heads["parameter"].values]
-        seen = np.abs(self.heads["value"].values[bias]) > SEEN * self.heads["sigma"].values[bias]
-        if len(used) < 2 or not used <= turns.keys() or not seen.any():
+        significant = np.abs(self.heads["value"].values[bias]) > SEEN * self.heads["sigma"].values[bias]
+        if len(used) < 2 or not used <= turns.keys() or not significant.any():
             return []
         cause, columns = effect("attitude.star_camera_heads"), []
         for segment in segments:

@@ -13,11 +13,11 @@ WORDS = words(__file__, "page.toml")
 
 def content(products):
     """Facts of the record, and what follows the result."""
-    found = products["estimate"]
+    estimate = products["estimate"]
     facts = {
-        "firings": int(found["firings"]),
-        "chi_square_gained_by_firings": float(found["gain"]),
-        "inflation": float(found["inflation"]),
+        "firings": int(estimate["firings"]),
+        "chi_square_gained_by_firings": float(estimate["gain"]),
+        "inflation": float(estimate["inflation"]),
         "quiet_epochs": int(products["noise"]["samples"]),
         "cameras": [int(head) for head in np.unique(products["align"]["head"].values)],
         "seconds": float(np.ptp(products["align"]["time"].values)),
@@ -31,32 +31,32 @@ def content(products):
 
 def _heads(products):
     """Section on the heads of the star camera."""
-    told = more(products)[0]["heads"]
-    if told["parameters"] is None:
-        return Section("Heads of the star camera", notes=[f"Not determined: {told['said']}."])
+    heads = more(products)[0]["heads"]
+    if heads["parameters"] is None:
+        return Section("Heads of the star camera", notes=[f"Not determined: {heads['said']}."])
     caption = "Heads of the star camera, with their errors by noise."
-    tables = [replace(parameter_table(told["parameters"], "heads"), caption=caption)]
+    tables = [replace(parameter_table(heads["parameters"], "heads"), caption=caption)]
     return Section(
-        "Heads of the star camera", tables, [replace(by_part, reads=["heads"])], [told["said"], *WORDS.notes["heads"]]
+        "Heads of the star camera", tables, [replace(by_part, reads=["heads"])], [heads["said"], *WORDS.notes["heads"]]
     )
 
 
 def more(products):
     """Bias and noise of the heads as named parameters, null with the reason where they are not known."""
-    found = products.get("heads")
-    if found is None or not found["parameter"].size:
-        said = "no SCA1A" if found is None else "SCA1A has no block of time with two heads"
+    heads = products.get("heads")
+    if heads is None or not heads["parameter"].size:
+        said = "no SCA1A" if heads is None else "SCA1A has no block of time with two heads"
         return {"heads": {"said": said, "parameters": None}}, ""
-    chi2, dof = float(found["agreement_chi2"]), int(found["agreement_dof"])
-    said = f"From {int(found['blocks'])} blocks; parts disagree with chi-square {chi2:.1f} of {dof} by noise alone."
-    said += "" if np.isfinite(found["value"]).all() else " Attitudes are too rare for the fast band."
-    return {"heads": {"said": said} | document(found)}, ""
+    chi2, dof = float(heads["agreement_chi2"]), int(heads["agreement_dof"])
+    said = f"From {int(heads['blocks'])} blocks; parts disagree with chi-square {chi2:.1f} of {dof} by noise alone."
+    said += "" if np.isfinite(heads["value"]).all() else " Attitudes are too rare for the fast band."
+    return {"heads": {"said": said} | document(heads)}, ""
 
 
 @WORDS.figure("estimate")
-def _wrong_times(panel, found):
-    gained = found["shifted_gain"].values
-    panel.stem(found["shift"].values, gained, linefmt=COLOURS["blue"], basefmt=" ", markerfmt="o")
+def _wrong_times(panel, estimate):
+    gained = estimate["shifted_gain"].values
+    panel.stem(estimate["shift"].values, gained, linefmt=COLOURS["blue"], basefmt=" ", markerfmt="o")
     panel.axhline(gained.mean(), color=COLOURS["vermilion"], linestyle="--")
     panel.set_ylim(0, None)
 
