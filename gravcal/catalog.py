@@ -267,14 +267,14 @@ def _raw_files(content, designed, members, span):
     return tuple(raw)
 
 
-def event_text(calibration, design, satellites, date, found, sha256, origin="measured", source="", last=None):
+def event_text(calibration, design, satellites, date, manoeuvres, sha256, origin="measured", source="", last=None):
     """TOML text of an event found in data: manoeuvres with kind, start, stop (GPS s), SHA-256 by name of the file.
 
     An event found elsewhere names its source; ``last`` is its last day if there are several.
     """
     members = [satellite(name) for name in satellites]
     found_in = f"found in the {'' if origin == 'measured' else f'{origin} '}Level-1 files below"
-    rows = [dict(item) if isinstance(item, dict) else vars(item) for item in found]
+    rows = [dict(item) if isinstance(item, dict) else vars(item) for item in manoeuvres]
     content = {
         "calibration": calibration,
         "satellites": [member.name for member in members],
@@ -427,13 +427,13 @@ class Parameters:
     def with_settings(self, settings):
         """Copy with some values replaced; texts, as from ``--set``, take the type of the catalogue's value."""
         changed = {}
-        for name, given in settings.items():
+        for name, setting in settings.items():
             entry = self.entry(name)
             if isinstance(entry.value, tuple):
-                items = given.split(",") if isinstance(given, str) else given
+                items = setting.split(",") if isinstance(setting, str) else setting
                 value = tuple(_scalar(item, entry.value[0], entry, self.calibration) for item in items)
             else:
-                value = _scalar(given, entry.value, entry, self.calibration)
+                value = _scalar(setting, entry.value, entry, self.calibration)
             changed[name] = replace(entry, value=value)
             _check(changed[name], self.calibration)
         return replace(self, entries={**self.entries, **changed})
@@ -472,10 +472,10 @@ def _typed(value, table):
     return float(value) if whole and "unit" in table else value
 
 
-def _scalar(given, example, entry, where):
+def _scalar(setting, example, entry, where):
     """One given text or value in the type of the example."""
     kind = type(example)
-    text = given.strip() if isinstance(given, str) else given
+    text = setting.strip() if isinstance(setting, str) else setting
     try:
         if kind is bool:
             return WORDS[str(text).lower()]
@@ -484,7 +484,7 @@ def _scalar(given, example, entry, where):
         return kind(text)
     except (KeyError, TypeError, ValueError):
         expected = {bool: "true or false", int: "a whole number", float: "a number"}.get(kind, "a text")
-        return _refused(where, entry.name, given, expected)
+        return _refused(where, entry.name, setting, expected)
 
 
 def _check(entry, where):
@@ -500,9 +500,9 @@ def _check(entry, where):
             _refused(where, entry.name, item, f"between {low} and {high} {entry.unit or ''}".rstrip())
 
 
-def _refused(where, name, found, expected):
+def _refused(where, name, value, expected):
     remedy = f"Choose such a value, or leave {name} as it is."
-    refuse(f"{where}: {name}", repr(found), expected, remedy, CatalogError, parameter=name)
+    refuse(f"{where}: {name}", repr(value), expected, remedy, CatalogError, parameter=name)
 
 
 def roots():
@@ -548,8 +548,8 @@ def read_file(path, form="any"):
     except OSError as error:
         return refuse(path, f"no file to read ({error.strerror})", "a TOML file", "Correct the path.", CatalogError)
     except UnicodeDecodeError as error:
-        found = f"bytes that are not UTF-8 ({error.reason} at byte {error.start})"
-        return refuse(path, found, "a TOML file", "Save it as UTF-8.", CatalogError)
+        fault = f"bytes that are not UTF-8 ({error.reason} at byte {error.start})"
+        return refuse(path, fault, "a TOML file", "Save it as UTF-8.", CatalogError)
     except (tomllib.TOMLDecodeError, RecursionError) as error:
         return refuse(path, f"text that is not valid TOML ({error})", "a TOML file", "Correct it.", CatalogError)
     except jsonschema_rs.ValidationError as error:
@@ -580,5 +580,5 @@ def _unknown(what, name, known, where):
     )
 
 
-def _wrong(path, key, found, expected, remedy):
-    refuse(f"{path}: {key}", repr(found), expected, remedy, CatalogError)
+def _wrong(path, key, value, expected, remedy):
+    refuse(f"{path}: {key}", repr(value), expected, remedy, CatalogError)

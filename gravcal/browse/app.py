@@ -110,8 +110,8 @@ def bound(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host.strip("[]"), port), family=family, dualstack_ipv6=":" in host)
     except OSError as error:
-        found, remedy = error.strerror or error, "Give another --port; 0 takes any that is free."
-        return refuse(f"browse: {host}:{port}", found, "an address that can be listened on", remedy, GravcalError)
+        reason, remedy = error.strerror or error, "Give another --port; 0 takes any that is free."
+        return refuse(f"browse: {host}:{port}", reason, "an address that can be listened on", remedy, GravcalError)
 
 
 def serve(calibrations, listening, host, say):

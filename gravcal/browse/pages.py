@@ -73,7 +73,7 @@ def _settings(settings):
 
 def _earlier(request, rows):
     """Other results of an event, with what each value was and by how much this one differs, and why."""
-    found = []
+    earlier = []
     for row in (row for row in rows if _delivered(row["document"])):
         calibration = request.app.state.calibrations.get(row["calibration"])
         others = store_index.relatives(row["report"]) if calibration else []
@@ -81,8 +81,8 @@ def _earlier(request, rows):
             document = store_index.document(one)
             if _delivered(document):
                 compared = comparison.of_event(calibration, row["event"], document, row["document"], why)
-                found.append((one, comparison.moved(compared), why))
-    return found
+                earlier.append((one, comparison.moved(compared), why))
+    return earlier
 
 
 def _delivered(document):
@@ -103,8 +103,8 @@ def compare(request):
 def search(request):
     """What discovery said of an event: verdict, findings, what it could not have seen; and its own page."""
     name, configuration = _event(request)
-    found = _there(store_index.searches(name, configuration))
-    return _filled("search.html", request, name=name, configuration=configuration, found=found)
+    searches = _there(store_index.searches(name, configuration))
+    return _filled("search.html", request, name=name, configuration=configuration, found=searches)
 
 
 def designs(request):
@@ -134,24 +134,24 @@ def _csv(text, name):
 def products(request):
     """All products of the store, those replaced by newer ones when asked for."""
     everything = request.query_params.get("all") == "1"
-    found = [one for one in store_index.entries() if one.configurations or everything]
-    differs = store_index.differing(found)
-    return _filled("products.html", request, found=found[::-1], everything=everything, differs=differs)
+    entries = [one for one in store_index.entries() if one.configurations or everything]
+    differs = store_index.differing(entries)
+    return _filled("products.html", request, found=entries[::-1], everything=everything, differs=differs)
 
 
 def product(request):
     """One product: what it holds, a plot, how it was made."""
-    found = _there(store_index.entry(request.path_params["key"]))
-    held = series.listed(found.ref.path)
+    entry = _there(store_index.entry(request.path_params["key"]))
+    held = series.listed(entry.ref.path)
     shown = _shown(held, request.query_params.get("variable"))
     wish = _wish(request, shown.name if shown else "")
-    table = series.table(found.ref.path, shown) if shown and not shown.plottable else None
-    with contents.opened(found.ref.path) as file:
+    table = series.table(entry.ref.path, shown) if shown and not shown.plottable else None
+    with contents.opened(entry.ref.path) as file:
         attributes = {name: str(one) for name, one in contents.attributes(file).items() if name != "gravcal_recipe"}
-    return _filled("product.html", request, found=found, held=held.values(), shown=shown, wish=wish, table=table,
+    return _filled("product.html", request, found=entry, held=held.values(), shown=shown, wish=wish, table=table,
                    chosen=plots.chosen(shown, wish.columns) if shown and shown.plottable else (),
-                   relatives=store_index.relatives(found), siblings=store_index.siblings(found), attributes=attributes,
-                   tree=history.tree(found), views=plots.VIEWS)  # fmt: skip
+                   relatives=store_index.relatives(entry), siblings=store_index.siblings(entry), attributes=attributes,
+                   tree=history.tree(entry), views=plots.VIEWS)  # fmt: skip
 
 
 def figure(request):
@@ -181,8 +181,8 @@ def _ends(request):
 
 def file(request):
     """A file that the record of a product names: of a report, shown without scripts, or to be kept."""
-    found = _there(store_index.entry(request.path_params["key"]))
-    path = _there(store_index.file(found, request.path_params["name"]))
+    entry = _there(store_index.entry(request.path_params["key"]))
+    path = _there(store_index.file(entry, request.path_params["name"]))
     is_shown = request.url.path.startswith("/report/")
     headers = {"Content-Security-Policy": REPORT} if is_shown else {"Content-Disposition": "attachment"}
     return FileResponse(path, media_type=KINDS.get(path.suffix, "text/plain; charset=utf-8"), headers=headers)
@@ -205,11 +205,11 @@ def missing(_, error):
     return PlainTextResponse(f"{error}\n", 404)
 
 
-def _there(found):
+def _there(target):
     """What was looked up; the answer is "not found" where that is nothing."""
-    if not found:
+    if not target:
         raise HTTPException(404)
-    return found
+    return target
 
 
 def _calibration(request):

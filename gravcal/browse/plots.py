@@ -169,11 +169,11 @@ def _traces(wish):
 
 def _asked(key, name):
     """Path of a product and its variable."""
-    found = store_index.entry(key)
-    variable = series.listed(found.ref.path).get(name) if found else None
+    entry = store_index.entry(key)
+    variable = series.listed(entry.ref.path).get(name) if entry else None
     if variable is None or not variable.plottable:
         raise series.Missing(f"{key[:12]} {name}: found no numbers along an axis")
-    return found.ref.path, variable
+    return entry.ref.path, variable
 
 
 def _along(path, variable, wish):

@@ -83,12 +83,12 @@ def coordinate(path, variable):
     The kind is "time", "value" or "index".
     """
     name = variable.dims[variable.axis]
-    found = listed(path).get(name)
-    if found is None or found.dtype == "text" or found.shape != (variable.shape[variable.axis],):
+    axis = listed(path).get(name)
+    if axis is None or axis.dtype == "text" or axis.shape != (variable.shape[variable.axis],):
         return "", "index", f"{name} (number)"
     if is_time(path, name):
         return name, "time", "GPS time"
-    return name, "value", f"{found.attributes.get('long_name', name)} ({found.units or '1'})"
+    return name, "value", f"{axis.attributes.get('long_name', name)} ({axis.units or '1'})"
 
 
 @functools.lru_cache(maxsize=8)

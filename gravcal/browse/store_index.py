@@ -42,17 +42,17 @@ def entry(key):
     return housekeeping.Entry(store.reference(record, folder), record, names) if record else None
 
 
-def file(found, name):
+def file(entry, name):
     """Path of a file that belongs to a product, or None: only names its record lists, and only inside the store."""
-    if name not in found.record["files"] and name != "product.nc":
+    if name not in entry.record["files"] and name != "product.nc":
         return None
-    path = found.ref.folder / name
+    path = entry.ref.folder / name
     return path if _inside(path) else None
 
 
-def document(found):
+def document(entry):
     """Result document of a report product, or None."""
-    path = file(found, "result.json")
+    path = file(entry, "result.json")
     return _json(path) if path else None
 
 
@@ -134,52 +134,52 @@ def chain(event, configuration=location.OPERATIONAL, flow=None) -> list[Node]:
     return sorted(nodes.values(), key=lambda node: node.stage) + failed
 
 
-def relatives(found) -> list[tuple[housekeeping.Entry, list[str]]]:
+def relatives(entry) -> list[tuple[housekeeping.Entry, list[str]]]:
     """Other products of the same stage, of this event and of others, with what differs, newest first."""
-    others = [one for one in entries() if one.ref.stage == found.ref.stage and one.ref.key != found.ref.key]
-    own = [one for one in others if one.ref.event == found.ref.event]
-    strange = [one for one in others if one.ref.event != found.ref.event and one.newest]
-    rows = [(one, history.apart(one.ref.key, found.ref.key) or ["another run"]) for one in own]
+    others = [one for one in entries() if one.ref.stage == entry.ref.stage and one.ref.key != entry.ref.key]
+    own = [one for one in others if one.ref.event == entry.ref.event]
+    strange = [one for one in others if one.ref.event != entry.ref.event and one.newest]
+    rows = [(one, history.apart(one.ref.key, entry.ref.key) or ["another run"]) for one in own]
     return rows[::-1] + [(one, [f"event {one.ref.event}"]) for one in strange[::-1]]
 
 
-def differing(found) -> dict[str, list[str]]:
+def differing(products) -> dict[str, list[str]]:
     """What tells each of some products from the delivered one of its stage and event, by key; [] of that itself.
 
     Of the last `TRACED` that differ in their inputs: why these differ. Where the stage was never delivered, the model.
     """
-    newest = {(one.ref.event, one.ref.stage): one for one in found if one.newest}
-    modelled = {one.ref.event for one in found if history.model_of(one.record)}
-    told, traced = {one.ref.key: [] for one in found}, 0
-    for one in reversed(found):
+    newest = {(one.ref.event, one.ref.stage): one for one in products if one.newest}
+    modelled = {one.ref.event for one in products if history.model_of(one.record)}
+    reasons, traced = {one.ref.key: [] for one in products}, 0
+    for one in reversed(products):
         delivered, key = newest.get((one.ref.event, one.ref.stage)), one.ref.key
         if delivered is one:
             continue
-        told[key] = history.compared(delivered.record, one.record, ("made again",)) if delivered else []
-        unknown = any(why.startswith("input ") for why in told[key]) if delivered else one.ref.event in modelled
+        reasons[key] = history.compared(delivered.record, one.record, ("made again",)) if delivered else []
+        unknown = any(why.startswith("input ") for why in reasons[key]) if delivered else one.ref.event in modelled
         if traced < TRACED and unknown:
-            told[key] = history.apart(delivered and delivered.ref.key, key) or told[key]
+            reasons[key] = history.apart(delivered and delivered.ref.key, key) or reasons[key]
             traced += 1
-    return told
+    return reasons
 
 
 def searches(event, configuration=location.OPERATIONAL) -> list[tuple[housekeeping.Entry, dict]]:
     """Products of discoveries of an event, or of all events of a satellite, with their documents; limits first."""
     own = [one for one in entries() if one.ref.event == event and configuration in one.configurations]
-    found = [(one, _json(path)) for one in own for name in SEARCHES if (path := file(one, name))]
-    return sorted(found, key=lambda pair: "limits" not in pair[1])
+    pairs = [(one, _json(path)) for one in own for name in SEARCHES if (path := file(one, name))]
+    return sorted(pairs, key=lambda pair: "limits" not in pair[1])
 
 
 def proposed() -> list[dict]:
     """Documents of the designs that `gravcal design` left in this store, the last day first."""
-    found = [_json(path) for path in (location.folder() / "designs").glob("*.json")]
-    return sorted((one for one in found if one), key=lambda one: one["date"], reverse=True)
+    designs = [_json(path) for path in (location.folder() / "designs").glob("*.json")]
+    return sorted((one for one in designs if one), key=lambda one: one["date"], reverse=True)
 
 
-def siblings(found):
+def siblings(entry):
     """Newest products of the same kind and event with another variant."""
-    same = [one for one in entries() if (one.ref.event, one.ref.kind) == (found.ref.event, found.ref.kind)]
-    return [one for one in same if one.newest and one.ref.variant != found.ref.variant]
+    same = [one for one in entries() if (one.ref.event, one.ref.kind) == (entry.ref.event, entry.ref.kind)]
+    return [one for one in same if one.newest and one.ref.variant != entry.ref.variant]
 
 
 def _record(folder):
@@ -202,13 +202,13 @@ def _result(event, calibration, own, runs):
     own = [one for one in own if one.ref.kind.startswith(f"{calibration}.") or one.ref.kind == "ingest"]
     report = next((one for one in own if one.ref.stage == f"{calibration}.report"), None)
     run = runs.get((event, calibration))
-    found = document(report) if report else None
+    body = document(report) if report else None
     if run and run["status"] == "failed":
         state, mood, said = "failed", "bad", run.get("error", "")
-    elif found is None:
+    elif body is None:
         state, mood, said = "no report", "plain", "no report of this configuration is in the store"
     else:  # a verdict is good, bad, or says nothing of the kind: accuracy, consistency, and the requirement
-        verdict, state = found.get("verdict") or {}, str(found.get("status", "")).replace("_", " ")
+        verdict, state = body.get("verdict") or {}, str(body.get("status", "")).replace("_", " ")
         marks = [verdict.get(name) for name in ("accuracy_met", "consistent")]
         bad = state == "questionable" or False in marks or "exceeds" in (verdict.get("requirement") or ())
         mood = "plain" if state not in WITH_RESULT else "bad" if bad else "good" if True in marks else "plain"
@@ -217,8 +217,8 @@ def _result(event, calibration, own, runs):
     if together and not report:
         state, said = "all events", _json(together[-1])["verdict"]["text"]
     made_of = [one for one in own if one.ref.kind != "ingest"] or own  # files may have been read for others only
-    told = found["origin"] if found and "origin" in found else origins_together(origin(one.ref.path) for one in made_of)
+    stated = body["origin"] if body and "origin" in body else origins_together(origin(one.ref.path) for one in made_of)
     made = max([one.record["made"] for one in own] + ([run["started"]] if run else []), default="")
     names = {"event": event, "calibration": calibration, "state": state, "mood": mood, "said": said, "made": made}
-    names |= {"origin": told or MEASURED, "products": len(own), "report": report, "run": run, "document": found}
-    return names | {"fails": [one for one in (found or {}).get("checks") or () if not one["passed"]]}
+    names |= {"origin": stated or MEASURED, "products": len(own), "report": report, "run": run, "document": body}
+    return names | {"fails": [one for one in (body or {}).get("checks") or () if not one["passed"]]}

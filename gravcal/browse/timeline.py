@@ -33,14 +33,14 @@ class Point:
 
 def points(calibration) -> list[Point]:
     """Values of all reports of a calibration."""
-    found = []
+    ours = []
     for row, one in _values(calibration):
         mood = "questionable" if row["document"]["status"] == "questionable" else row["mood"]
         mood = mood if row["origin"] == "measured" else row["origin"]
         place = one.satellite or letters_of(row["event"]), one.name, one.unit.replace("um", "µm")
         date, sigma = _date(row["document"], row["event"]), one.sigma_total or one.sigma
-        found.append(Point(*place, date, one.value, sigma, row["event"], mood, row["said"]))
-    return sorted(found, key=lambda point: (point.date, point.event))
+        ours.append(Point(*place, date, one.value, sigma, row["event"], mood, row["said"]))
+    return sorted(ours, key=lambda point: (point.date, point.event))
 
 
 def _values(calibration):
@@ -78,7 +78,7 @@ def printed_points(calibration, satellite: str) -> list[Point]:
         name = catalog.satellite(satellite).name
     except CatalogError:
         return []
-    sections, found = catalog.published(calibration.name) if calibration.printed else {}, []
+    sections, printed = catalog.published(calibration.name) if calibration.printed else {}, []
     for section, values in calibration.printed.items():
         for one in sections.get(section, ()):
             own = [event for event in one.events if event.startswith(name)]
@@ -88,8 +88,8 @@ def printed_points(calibration, satellite: str) -> list[Point]:
             if date:
                 when = datetime.datetime.fromisoformat(date.group() + ("" if date.group(1) else "-01"))
                 about = one.events[0] if one.events else "", "printed"
-                found += [Point(satellite, *r[:2], when, *r[2:4], *about, f"{r[4]}{one.source}") for r in values(one)]
-    return found
+                printed += [Point(satellite, *r[:2], when, *r[2:4], *about, f"{r[4]}{one.source}") for r in values(one)]
+    return printed
 
 
 def levels(calibration) -> dict[str, tuple[float, str]]:
@@ -122,5 +122,5 @@ def _date(document, event):
     starts = [one["start"] for one in document.get("manoeuvres") or [] if one.get("start") is not None]
     if starts:
         return EPOCH + datetime.timedelta(seconds=min(starts))
-    found = re.search(r"\d{4}-\d{2}-\d{2}", event)
-    return datetime.datetime.fromisoformat(found.group()) if found else EPOCH
+    match = re.search(r"\d{4}-\d{2}-\d{2}", event)
+    return datetime.datetime.fromisoformat(match.group()) if match else EPOCH

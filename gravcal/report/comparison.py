@@ -62,11 +62,11 @@ def of_event(calibration, event, first, second, why=()):
 
 def moved(event):
     """Values of an event before and by how much the second differs, on one line each."""
-    told = [one for one in event["values"] if one["difference"] is not None]
+    determined = [one for one in event["values"] if one["difference"] is not None]
     return [
         f"{one['name']} {_pair(one['values'][0], one['sigmas'][0])} {one['unit']}: {one['difference']:+.2g}"
         + ("" if one["in_sigma_of_first"] is None else f" ({one['in_sigma_of_first']:+.2f} sigma)")
-        for one in told
+        for one in determined
     ]
 
 
@@ -99,11 +99,11 @@ def tables(document):
     for event in document["events"]:
         mark = "" if event["origin"] == "measured" else f" ({event['origin']})"
         for one in event["values"]:
-            told = [_pair(v, s) for v, s in zip(one["values"], one["sigmas"], strict=True)]
+            estimates = [_pair(v, s) for v, s in zip(one["values"], one["sigmas"], strict=True)]
             moved = [
                 "" if one[n] is None else f"{one[n]:+.3g}" for n in ("difference", "in_sigma", "in_sigma_of_first")
             ]
-            rows.append([event["event"] + mark, one["name"], *told, *moved, one["unit"]])
+            rows.append([event["event"] + mark, one["name"], *estimates, *moved, one["unit"]])
         status = dict(status=event["status"]) if len(set(event["status"])) > 1 else {}
         other += [[event["event"] + mark, "reason", "", why] for why in event["why"]]
         parts = {"": status, "verdict ": event["verdict"], "check ": event["checks"]}

@@ -33,7 +33,7 @@ KEPT = 0.5  # of the square of what a finding adds that bins have to keep
 
 
 def report(
-    found: xr.Dataset, *combined, calibration: str, event: str, satellite: str, records: str, settings: dict, reported
+    search: xr.Dataset, *combined, calibration: str, event: str, satellite: str, records: str, settings: dict, reported
 ) -> tuple[xr.Dataset, dict[str, str]]:
     """Report product of a discovery with the probabilities of adequacy, and its files {name: text}.
 
@@ -41,7 +41,7 @@ def report(
     what a given model adds; `reported` says what it tells of its result and readings. Records: digest of the recorded.
     """
     document, outcome = judged(
-        found, *combined, calibration=calibration, event=event, settings=settings, reported=reported
+        search, *combined, calibration=calibration, event=event, settings=settings, reported=reported
     )
     files = {"discovery.json": documents.text(document)}
     if outcome and outcome.findings and "model" in settings:  # a calibration that takes one
@@ -54,8 +54,8 @@ def report(
         files |= {"model.toml": extended} if extended else {}
     files["discovery.html"] = pages.page(
         document,
-        sections(found, outcome, reported) if outcome else [],
-        {"discovery": found},
+        sections(search, outcome, reported) if outcome else [],
+        {"discovery": search},
         heading="What the model gets wrong",
         subtitle=f"satellite {satellite}, level {outcome.level if outcome else ''} for everything tried together",
     )
@@ -64,18 +64,18 @@ def report(
     return xr.Dataset(kept, attrs={"status": document["status"], "event": event}), files
 
 
-def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, settings: dict, reported) -> tuple:
+def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, settings: dict, reported) -> tuple:
     """Result document of a discovery, judged and valid, and the outcome in it or None; arguments as of `report`.
 
     The change of the result is that which the calibration itself finds, where it does; where the result is known
     beforehand it is compared, and its error may be wider than that.
     """
-    outcome, body, checks = outcome_of(found), {}, []
+    outcome, body, checks = outcome_of(search), {}, []
     if outcome:
         joint = change = outcome.calibration_change
         if combined:
-            (name, old, covariance), (_, new, other), *given = (reported.result(one) for one in combined)
-            _, begun, spread = given[0] if given else (name, old, covariance)
+            (name, old, covariance), (_, new, other), *modelled = (reported.result(one) for one in combined)
+            _, begun, spread = modelled[0] if modelled else (name, old, covariance)
             correction = begun - old + np.array(joint.correction, dtype=float)
             more = spread - covariance + np.array(joint.covariance_of_findings, dtype=float)
             old, new, sigma = begun, new + correction, [np.sqrt(np.diag(c)) for c in (spread, other + more)]
@@ -95,13 +95,13 @@ def judged(found: xr.Dataset, *combined: xr.Dataset, calibration: str, event: st
     status = "delivered" if outcome else "no_manoeuvre"
     body = {"status": status, "kind": "discovery", "verdict": {"text": words.verdict(outcome)}} | body
     about = {"event": event, "settings": settings}
-    return documents.delivered(calibration, body, {"discovery": found}, checks, **about), outcome
+    return documents.delivered(calibration, body, {"discovery": search}, checks, **about), outcome
 
 
-def sections(found: xr.Dataset, outcome: Outcome, reported: Reported) -> list[Section]:
+def sections(search: xr.Dataset, outcome: Outcome, reported: Reported) -> list[Section]:
     """Sections of the page that hold something."""
     here = [
-        Figure(partial(reading, number=k), ("discovery",), caption(found, k, reported.readings))
+        Figure(partial(reading, number=k), ("discovery",), caption(search, k, reported.readings))
         for k in range(len(outcome.findings)) or (-1,)  # of the least likely band
     ]
     numbers = vars(outcome)
@@ -143,11 +143,11 @@ def tied_table(findings: Sequence[NamedCause]) -> Table:
     for one in findings:
         for other in one.separation:
             more = f"{other.events_needed} events like this one" if other.events_needed else "no such data would"
-            told = f"{other.expected_chi2:.1f}", other.best_block or NOT_DETERMINED, more
-            rows.append([words.title(one.cause), words.title(other.cause), *told])
+            separation = f"{other.expected_chi2:.1f}", other.best_block or NOT_DETERMINED, more
+            rows.append([words.title(one.cause), words.title(other.cause), *separation])
         for other in one.imitators:
-            told = f"{words.title(other.cause)}: {other.form}", f"{other.expected_chi2:.1f}", NOT_DETERMINED, ""
-            rows.append([words.title(one.cause), *told])
+            imitator = f"{words.title(other.cause)}: {other.form}", f"{other.expected_chi2:.1f}", NOT_DETERMINED, ""
+            rows.append([words.title(one.cause), *imitator])
     return WORDS.table("tied", rows)
 
 
@@ -178,14 +178,14 @@ def unobservable_table(outcome: Outcome) -> Table:
     return WORDS.table("unobservable", rows)
 
 
-def model_text(findings: Sequence[NamedCause], event: str, given: str = "", result: dict | None = None) -> str:
+def model_text(findings: Sequence[NamedCause], event: str, initial: str = "", result: dict | None = None) -> str:
     """Extended model as TOML, as `--model` reads it; empty if no cause has a parameter that is determined.
 
-    It also holds the entries of the model that the search began with (given, JSON text), and what the search adds to
+    It also holds the entries of the model that the search began with (initial, JSON text), and what the search adds to
     the result of the calibration. Without findings it is the model of a run, with the result that it came with.
     """
     effects = []
-    for one in [*json.loads(given or "[]"), *map(tables_of, findings)]:
+    for one in [*json.loads(initial or "[]"), *map(tables_of, findings)]:
         known = {n: p for n, p in one.get("model", one["parameters"]).items() if p["value"] is not None}
         if known and one.get("adopted", True):
             parameters = {}
@@ -196,7 +196,7 @@ def model_text(findings: Sequence[NamedCause], event: str, given: str = "", resu
             leads = {name: one.get(name) or None for name in ("waves", "leads")}
             days = {name: one.get(name) for name in ("from", "to")}
             effects.append(effect | days | {"parameters": parameters} | leads)
-    if not findings and effects and (own := json.loads(given)[0].get("result")):
+    if not findings and effects and (own := json.loads(initial)[0].get("result")):
         result = own | {"unit": "m"}
     model = {"event": event, "effect": effects, "result": result}
     said = "Found by gravcal discover in" if findings else "Taken out of the records of"
@@ -204,24 +204,24 @@ def model_text(findings: Sequence[NamedCause], event: str, given: str = "", resu
 
 
 @WORDS.figure("discovery")
-def _power(found):
-    names = found.attrs["channels"].split()
-    tested = [k for k in range(len(names)) if np.any(found["test_channel"].values == k)]
+def _power(search):
+    names = search.attrs["channels"].split()
+    tested = [k for k in range(len(names)) if np.any(search["test_channel"].values == k)]
     if not tested:
         return None
-    blocks, bands = found["test_block"].values, found["test_band"].values
+    blocks, bands = search["test_block"].values, search["test_band"].values
     each, size = (1, 3.6) if blocks.max() < 40 else (10, 2.0)  # block that is numbered, size of the points
-    part = "manoeuvre" if found.attrs["blocks"].startswith("manoeuvre ") else "part of the record"
+    part = "manoeuvre" if search.attrs["blocks"].startswith("manoeuvre ") else "part of the record"
     look = {"xlabel": f"{part}, four bands from low to high frequency", "ylabels": [names[k] for k in tested]}
     drawn, panels = grid(len(tested), 1, 0.7 + 0.95 * len(tested), sharex=True, margins={"hspace": 0.16}, **look)
     for (panel,), k in zip(panels, tested, strict=True):
-        here = found["test_channel"].values == k
+        here = search["test_channel"].values == k
         place = blocks[here] + 1 + (bands[here] - 1.5) * 0.18
         panel.axhline(1.0, label="noise", **NOISE)
         for which, (name, style) in zip(("before", "after"), STYLES["points"].items(), strict=True):
-            panel.plot(place, found[f"power_{which}"].values[here], label=name, markersize=size, **style)
+            panel.plot(place, search[f"power_{which}"].values[here], label=name, markersize=size, **style)
         _wide(panel)
-    named = enumerate(found.attrs["blocks"].split(", "), start=1)
+    named = enumerate(search.attrs["blocks"].split(", "), start=1)
     named = {k: name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(k) for k, name in named}
     panel.set_xticks([*named][each - 1 :: each], [*named.values()][each - 1 :: each])
     return drawn
@@ -234,9 +234,9 @@ def _wide(panel):
 
 
 @WORDS.figure("discovery")
-def _spectra(found):
-    names = found.attrs["channels"].split()
-    curves = {name: one for k, name in enumerate(names) if (one := _spectrum(found, k)) is not None}
+def _spectra(search):
+    names = search.attrs["channels"].split()
+    curves = {name: one for k, name in enumerate(names) if (one := _spectrum(search, k)) is not None}
     if not curves:
         return None
     rows, margins = (len(curves) + 1) // 2, {"wspace": 0.16, "hspace": 0.5}
@@ -252,34 +252,34 @@ def _spectra(found):
     return drawn
 
 
-def _spectrum(found, channel):
+def _spectrum(search, channel):
     """Frequencies Hz, and mean power (2, n) before and after; None where the channel has too few rows."""
-    here = found["channel"].values == channel
-    pairs = [(b, axis) for b in np.unique(found["block"].values[here]) for axis in range(3)]
-    rows = [here & (found["block"].values == b) & (found["component"].values == axis) for b, axis in pairs]
+    here = search["channel"].values == channel
+    pairs = [(b, axis) for b in np.unique(search["block"].values[here]) for axis in range(3)]
+    rows = [here & (search["block"].values == b) & (search["component"].values == axis) for b, axis in pairs]
     longest = max((r.sum() for r in rows), default=0)
     bins = next((n for n in (BINS, BINS // 2) if longest >= 4 * n), None)
     if bins is None:
         return None
     rows = [r for r in rows if r.sum() >= 4 * bins]
-    residual = np.stack([found[name].values for name in ("residual_before", "residual_after")])
+    residual = np.stack([search[name].values for name in ("residual_before", "residual_after")])
     powers = [np.abs(np.fft.rfft(residual[:, used])[:, 1:]) ** 2 / used.sum() for used in rows]
     means = [[part.mean(axis=1) for part in np.array_split(one, bins, axis=1)] for one in powers]
-    step = float(np.median(np.diff(found["time_row"].values[rows[-1]])))
+    step = float(np.median(np.diff(search["time_row"].values[rows[-1]])))
     return (np.arange(bins) + 0.5) / (2 * step * bins), np.mean(means, axis=0).T
 
 
-def shown(found, number: int) -> tuple[Shown, np.ndarray, dict[str, np.ndarray]] | None:
+def shown(search, number: int) -> tuple[Shown, np.ndarray, dict[str, np.ndarray]] | None:
     """Place of a finding, epochs s from the first (n,), {side: (n,)} of its axis; None where it helps no reading."""
-    rows = (one for one in outcome_of(found).readings.shown if one.finding == number)
-    one = next((one for one in rows if f"{one.channel}_measured" in found), None)  # not that of a plugin
+    rows = (one for one in outcome_of(search).readings.shown if one.finding == number)
+    one = next((one for one in rows if f"{one.channel}_measured" in search), None)  # not that of a plugin
     if one is None:
         return None
     channel = one.channel
-    here = found[f"{channel}_finding"].values == number
-    axis = min(one.axis, found[f"{channel}_measured"].shape[1] - 1)
-    time = found[f"{channel}_time"].values[here]
-    return one, time - time[0], {side: found[f"{channel}_{side}"].values[here, axis] for side in SIDES}
+    here = search[f"{channel}_finding"].values == number
+    axis = min(one.axis, search[f"{channel}_measured"].shape[1] - 1)
+    time = search[f"{channel}_time"].values[here]
+    return one, time - time[0], {side: search[f"{channel}_{side}"].values[here, axis] for side in SIDES}
 
 
 def _kept(values, index):
@@ -289,9 +289,9 @@ def _kept(values, index):
     return float((kept**2).sum() / (series**2).sum()) if series.any() else 0.0
 
 
-def fold(found, number: int) -> float | None:
+def fold(search, number: int) -> float | None:
     """Period s over which what a finding adds to its reading repeats: its own, or one of the manoeuvre; or None."""
-    view, known = shown(found, number), outcome_of(found)
+    view, known = shown(search, number), outcome_of(search)
     if view is None or not 0 <= number < len(known.findings):
         return None
     _, time, curves = view
@@ -321,9 +321,9 @@ def _bins(time, period):
     return index
 
 
-def reading(found, number: int):
+def reading(search, number: int):
     """Reading that a finding, -1 where none was named, helps most, and what is left of it by either model."""
-    view, period = shown(found, number), fold(found, number)
+    view, period = shown(search, number), fold(search, number)
     if view is None:
         return None
     one, time, curves = view
@@ -332,7 +332,7 @@ def reading(found, number: int):
     models = [(curves["simulated"], STYLES["simulated"]), (curves["extended"], STYLES["extended"])]
     models = [model for model in models if np.isfinite(model[0]).any()]
     place, index = _places(time, models[-1][0] - (models[0][0] if len(models) > 1 else measured), period)
-    whole = found[f"{one.channel}_measured"]
+    whole = search[f"{one.channel}_measured"]
     axis = f" {'xyz'[one.axis]}" if whole.shape[1] > 1 else ""
     rows = {
         f"{one.channel}{axis}": [*models, (measured, STYLES["measured"])],
@@ -366,13 +366,13 @@ def _places(time, added, period):
     return time, np.arange(time.size)
 
 
-def caption(found, number: int, readings_of: Mapping[str, str]) -> str:
+def caption(search, number: int, readings_of: Mapping[str, str]) -> str:
     """Caption of the figure of a finding; `readings_of` says {channel: text} what the readings are."""
-    view, period = shown(found, number), fold(found, number)
+    view, period = shown(search, number), fold(search, number)
     if view is None:
         return ""
     what = f"Finding {number + 1}" if number >= 0 else "The least likely band"
     folded = f" Folded over {period:.4g} s, without what changes in longer times." if period else ""
     own = readings_of.get(view[0].channel, " Its mean is left out.")
-    own += WORDS.note("rebuilt") if "rebuilt" in found.attrs else ""
+    own += WORDS.note("rebuilt") if "rebuilt" in search.attrs else ""
     return WORDS.note("reading", what=what, folded=folded, own=own, **vars(view[0]))

@@ -46,10 +46,10 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
     status = "questionable" if failed and document["status"] == "delivered" else document["status"]
     doubt = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""
     verdict = document.get("verdict")
-    told = {"verdict": verdict | {"text": foreword(origin) + doubt + verdict["text"]}} if verdict else {}
+    entry = {"verdict": verdict | {"text": foreword(origin) + doubt + verdict["text"]}} if verdict else {}
     configuration = settings_of(document).get("configuration", OPERATIONAL)
     added = {"origin": origin, "configuration": configuration, "checks": as_plain(list(map(vars, checks)))}
-    return dict(document) | {"status": status} | added | told
+    return dict(document) | {"status": status} | added | entry
 
 
 def settings_of(document: Mapping) -> Mapping:

@@ -118,13 +118,13 @@ def number_windows(panel, ends):
             panel.annotate(str(number), ((start + stop) / 2, 0.99), fontsize=6, color="#767676", **place)
 
 
-def image(draw, *given) -> str | None:
+def image(draw, *inputs) -> str | None:
     """Figure that a function draws as a data address (SVG) for a page; None if there is nothing to show.
 
     Above its panels, to the right, stands a legend of all, each name once, unless a panel has its own.
     """
     with matplotlib.rc_context(STYLE):
-        figure, known = draw(*given), {}
+        figure, known = draw(*inputs), {}
         if figure is None:
             return None
         for panel in figure.axes:

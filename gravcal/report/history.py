@@ -19,8 +19,8 @@ def history(title, points, trims=(), band=None):
         where = {"satellite": one.satellite, "date": date, "event": one.event, "kind": kind}
         rows.append(where | {"quantity": one.panel, "unit": one.unit, "value": one.value, "sigma": one.sigma})
     for satellite, one in trims:
-        seen = f"mass trim, {'' if one.confirmed else 'not '}confirmed by the printed series"
-        where = {"satellite": satellite, "date": one.date.isoformat(), "event": seen, "kind": "trim"}
+        label = f"mass trim, {'' if one.confirmed else 'not '}confirmed by the printed series"
+        where = {"satellite": satellite, "date": one.date.isoformat(), "event": label, "kind": "trim"}
         rows.append(where | {"quantity": one.axis, "unit": "µm", "value": one.trim_um, "sigma": None})
     rows.sort(key=lambda row: (row["satellite"], row["date"], row["kind"] == "trim", row["event"]))
     parts = []
@@ -35,7 +35,7 @@ def history(title, points, trims=(), band=None):
 
 def tables(rows):
     """A table of the rows of a satellite for each unit: events down, quantities across, in a row that says of what."""
-    found = []
+    by_unit = []
     for unit in dict.fromkeys(row["unit"] for row in rows):
         own = [row for row in rows if row["unit"] == unit]
         names, lines = list(dict.fromkeys(row["quantity"] for row in own if row["kind"] != "trim")), {}
@@ -47,8 +47,8 @@ def tables(rows):
             for (date, event, kind), line in lines.items()
         ]
         heads = ["date", "event", "", *(f"{name} ({unit})" for name in names)]
-        found.append(pages.Table("Value ± error, ours and as printed.", heads, cells, words=(0, 1, 2)))
-    return found
+        by_unit.append(pages.Table("Value ± error, ours and as printed.", heads, cells, words=(0, 1, 2)))
+    return by_unit
 
 
 def _text(row):

@@ -222,17 +222,17 @@ def changes(before: dict, after: dict) -> list[str]:
             move, error = one["value"][k] - last["value"][k], np.hypot(one["sigma"][k], last["sigma"][k])
             if abs(move) > CHANGED * error:
                 motion = after["motion"][name]
-                told = [
+                reasons = [
                     f"{'step found about' if s['found'] else 'trim of'} {s['date']} explains {signed(s['value'], 0)}"
                     for s in motion["steps"]
                     if last["time"] < seconds(s["date"]) <= one["time"]
                 ]
                 slope, sigma = (v * (one["time"] - last["time"]) / YEAR_S for v in motion["slope_per_year"].values())
-                told += [f"its slope explains {signed(slope, 0)}"] * bool(abs(slope) > max(error, CHANGED * sigma))
+                reasons += [f"its slope explains {signed(slope, 0)}"] * bool(abs(slope) > max(error, CHANGED * sigma))
                 text = (
                     f"{after['calibration']} {name} moved by {plus_minus(move, error)} {unit} since {day(last['time'])}"
                 )
-                lines.append(f"{text}: {'; '.join(told) or 'neither trim nor slope explains it'}")
+                lines.append(f"{text}: {'; '.join(reasons) or 'neither trim nor slope explains it'}")
     was = {one["event"] for one in before["contradicting"]}
     lines += [f"{one['event']} contradicts the others" for one in after["contradicting"] if one["event"] not in was]
     return lines
@@ -273,15 +273,15 @@ def page(document, moves, history) -> str:
     shared_by, apart = [], []
     for one in document["causes"]:
         held, repeats = "" if one["heldout"] is None else f"{one['heldout']:.0f}", one["repeats"]
-        told = _scope(one["scope"]), f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""
-        shared_by.append([words.title(one["cause"]), *told])
+        cells = _scope(one["scope"]), f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""
+        shared_by.append([words.title(one["cause"]), *cells])
         for values in one["values"]:
             shared_by += parameter_rows((f"{n}, {values['of']}", *p.values()) for n, p in values["parameters"].items())
         said = "repeats" if repeats["said"] else "does not repeat"
         apart.append([words.title(one["cause"]), "", said, f"{repeats['chi2']:.1f} of {repeats['dof']}"])
         for own in one["by_event"]:
             known = [(name, quantity(**p)) for name, p in own["parameters"].items() if p["value"] is not None]
-            apart += [[None, f"{own['event']} {name}", told, ""] for name, told in known]
+            apart += [[None, f"{own['event']} {name}", text, ""] for name, text in known]
     causes = [WORDS.table("causes", shared_by, tried=document["tried"]), WORDS.table("apart", apart)]
     made = [
         Section("How the calibration moves", [_motion_table(document), _event_table(document)], [drawn]),

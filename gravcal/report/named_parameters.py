@@ -18,15 +18,15 @@ from gravcal.store import results
 SAID = 9  # parameters that a verdict names
 
 
-def document(found: xr.Dataset) -> dict:
+def document(estimate: xr.Dataset) -> dict:
     """Part of a result document of PARAMETERS: by name, null where not determined, and their covariance."""
-    known, matrix = parameters(found), numbers(found["covariance"].values)
+    known, matrix = parameters(estimate), numbers(estimate["covariance"].values)
     return {"parameters": known, "covariance": {"parameters": [*known], "matrix": matrix}}
 
 
-def parameters(found: xr.Dataset, before: str = "") -> dict[str, dict | None]:
+def parameters(fit: xr.Dataset, before: str = "") -> dict[str, dict | None]:
     """{name: {"value", "sigma", "unit"}}, null where not determined, of the variables whose names begin like that."""
-    rows = zip(*(found[name].values for name in ("parameter", "unit", f"{before}value", f"{before}sigma")), strict=True)
+    rows = zip(*(fit[name].values for name in ("parameter", "unit", f"{before}value", f"{before}sigma")), strict=True)
     known = lambda v, s, u: {"value": float(v), "sigma": float(s), "unit": str(u)} if np.isfinite(v) else None  # noqa: E731
     return {str(name): known(value, sigma, unit) for name, unit, value, sigma in rows}
 
@@ -46,13 +46,13 @@ class Page:
     more: Callable[[Mapping[str, xr.Dataset]], tuple[dict, str]] = lambda _: ({}, "")
 
 
-def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tuple[xr.Dataset, dict[str, str]]:
+def report(own: Page, *datasets: xr.Dataset, event: str, settings: Mapping) -> tuple[xr.Dataset, dict[str, str]]:
     """Report product of one event and its files, from the products that the page names and all settings."""
-    products = dict(zip(own.products, given, strict=False))
+    products = dict(zip(own.products, datasets, strict=False))
     facts, sections = own.content(products)
     more, sentence = own.more(products)
-    found = products["estimate"]
-    solved = document(found)
+    estimate = products["estimate"]
+    solved = document(estimate)
     known = list(results.parameters(solved))
     text = results.text(known[:SAID]) if known else "no parameter is determined"
     text += f", and {len(known) - SAID} more" if len(known) > SAID else ""
@@ -63,10 +63,10 @@ def report(own: Page, *given: xr.Dataset, event: str, settings: Mapping) -> tupl
         *sections,
         Section("Record", [Table("Facts of the record.", ["fact", "value"], stated)]),
     ]
-    subtitle = f"From {gps_text(float(found['part_start'][0]))} GPS, {found.sizes['part']} parts."
+    subtitle = f"From {gps_text(float(estimate['part_start'][0]))} GPS, {estimate.sizes['part']} parts."
     about = {"event": event, "settings": settings, "heading": own.heading, "subtitle": subtitle}
-    checks, found = of_product(products["checks"]), body | solved | more
-    _, files = pages.report(own.calibration, found, products, checks, lambda _: shown, **about)
+    checks, entries = of_product(products["checks"]), body | solved | more
+    _, files = pages.report(own.calibration, entries, products, checks, lambda _: shown, **about)
     return build(schemas.of("shared.toml")["report"], {"delivered": 1}, event=event), files
 
 
@@ -90,23 +90,23 @@ def _short(value):
 
 
 @figure("estimate", caption="Each part of the record by itself (points), and all (line, band).")
-def by_part(found):
+def by_part(estimate):
     """Determined parameters, a panel each."""
-    known = np.flatnonzero(np.isfinite(found["value"].values))
-    if not known.size or found.sizes["part"] < 2:
+    known = np.flatnonzero(np.isfinite(estimate["value"].values))
+    if not known.size or estimate.sizes["part"] < 2:
         return None
     columns = min(known.size, 3)
     rows = -(-known.size // columns)
     look = {"xlabel": "part", "margins": {"hspace": 0.45, "wspace": 0.4}}
     figure, panels = grid(rows, columns, 0.5 + 1.25 * rows, sharex=True, **look)
-    number = 1 + np.arange(found.sizes["part"])
+    number = 1 + np.arange(estimate.sizes["part"])
     for panel in panels.ravel()[known.size :]:
         panel.set_visible(False)
     for panel, index in zip(panels.ravel(), known, strict=False):
-        value, sigma = float(found["value"][index]), float(found["sigma"][index])
-        name, unit = str(found["parameter"].values[index]).replace("_", " "), str(found["unit"].values[index])
+        value, sigma = float(estimate["value"][index]), float(estimate["sigma"][index])
+        name, unit = str(estimate["parameter"].values[index]).replace("_", " "), str(estimate["unit"].values[index])
         factor, shown = prefixed(max(abs(value), sigma), unit)
-        own, error = (factor * found[f"part_{which}"].values[:, index] for which in ("value", "sigma"))
+        own, error = (factor * estimate[f"part_{which}"].values[:, index] for which in ("value", "sigma"))
         bars(panel, number, own, error, color=COLOURS["blue"], markersize=3, capsize=0)
         panel.axhline(factor * value, color=COLOURS["vermilion"])
         panel.axhspan(factor * (value - sigma), factor * (value + sigma), color=COLOURS["vermilion"], alpha=0.2)

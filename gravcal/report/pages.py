@@ -75,7 +75,7 @@ class Words:
     notes: Mapping[str, str]  #: everything else
     forms: jinja2.Environment  #: of templates and expressions; filters are functions of `plain` and of the page
 
-    def table(self, name: str, given: Sequence | Mapping, /, **values) -> Table:
+    def table(self, name: str, content: Sequence | Mapping, /, **values) -> Table:
         """Table of rows, of records where there are columns, of a document where it says `each`.
 
         Values are fields of the table, or known to its texts and cells. Of a mapping each record knows its "key", of
@@ -83,16 +83,16 @@ class Words:
         """
         fields = self.tables[name] | {key: one for key, one in values.items() if key in Table.__dataclass_fields__}
         if "each" in fields:
-            values |= given
-            given = self.forms.compile_expression(fields.pop("each"))(values) or ()
+            values |= content
+            content = self.forms.compile_expression(fields.pop("each"))(values) or ()
         if "columns" in fields:
             fields["heads"], cells = zip(*fields.pop("columns"), strict=True)
             cells = [self.forms.compile_expression(cell, undefined_to_none=False) for cell in cells]
-            given = [[cell(values | one) for cell in cells] for one in _records(given)]
+            content = [[cell(values | one) for cell in cells] for one in _records(content)]
         said = [self.forms.from_string(text).render(values) for text in (fields["caption"], *fields["heads"])]
         if fields.get("strong") is not None:
-            fields["strong"] %= max(len(given), 1)
-        return Table(**fields | {"rows": given, "caption": said[0], "heads": said[1:]})
+            fields["strong"] %= max(len(content), 1)
+        return Table(**fields | {"rows": content, "caption": said[0], "heads": said[1:]})
 
     def figure(self, *reads: str) -> Callable[[Callable], Figure]:
         """Decorator: a function that draws into panels, one Axes or an array of them, as the `Figure` of its name.
@@ -108,9 +108,9 @@ class Words:
             rows, columns = look.pop("panels")
 
             @wraps(draw)
-            def drawn(*given):
+            def drawn(*inputs):
                 made, panels = grid(rows, columns, **look)
-                draw(np.squeeze(panels)[()], *given)
+                draw(np.squeeze(panels)[()], *inputs)
                 return made if any(panel.has_data() for panel in made.axes) else None
 
             return Figure(drawn, reads, caption)
@@ -126,10 +126,10 @@ class Words:
         return [text for text in (self.forms.from_string(text).render(values) for text in self.notes[name]) if text]
 
 
-def _records(given):
+def _records(content):
     """Records of a mapping or sequence, see `Words.table`."""
-    named = [{"key": key} for key in given] if isinstance(given, Mapping) else [{}] * len(given)
-    values = given.values() if isinstance(given, Mapping) else given
+    named = [{"key": key} for key in content] if isinstance(content, Mapping) else [{}] * len(content)
+    values = content.values() if isinstance(content, Mapping) else content
     entries = [dict(one) if isinstance(one, Mapping) else getattr(one, "__dict__", {"value": one}) for one in values]
     return [{"k": k} | name | entry for k, (name, entry) in enumerate(zip(named, entries, strict=True))]
 
@@ -161,12 +161,12 @@ class Section:
     beside: bool = False  #: True to set the tables side by side
 
 
-def report(calibration, found, products, checks, sections, *, event, settings, **about) -> tuple[dict, dict[str, str]]:
+def report(calibration, body, products, checks, sections, *, event, settings, **about) -> tuple[dict, dict[str, str]]:
     """Result document of what was found, judged, and files of a report {name: text}; see `documents.delivered`.
 
     Sections are a function of the judged document; about is what else `page` takes.
     """
-    document = documents.delivered(calibration, found, products, checks, event=event, settings=settings)
+    document = documents.delivered(calibration, body, products, checks, event=event, settings=settings)
     html = page(document, sections(document), products, **about)
     return document, {"result.json": documents.text(document), "report.html": html}
 
@@ -211,8 +211,8 @@ def _shown(section, document, products, numbers):
     """Section as the template takes it; figures are drawn, and numbered if there is something to draw."""
     figures = []
     for one in section.figures:
-        given = arguments(one, products)
-        drawn = None if any(item is None for item in given) else image(one.draw, *given)
+        inputs = arguments(one, products)
+        drawn = None if any(item is None for item in inputs) else image(one.draw, *inputs)
         if drawn is not None:
             own = {"image": drawn, "number": next(numbers), "title": one.caption.split(".")[0], "caption": one.caption}
             figures.append(own | {"source": _source(document, one.reads)})
@@ -226,12 +226,12 @@ MOODS = {True: "good", False: "bad", None: ""}
 
 def arguments(one: Figure, products: Mapping) -> list:
     """What a figure draws: the products that it reads, None for one that is missing, unless it says what else."""
-    given = [] if one.arguments is None else list(one.arguments)
+    inputs = [] if one.arguments is None else list(one.arguments)
     for name in one.reads if one.arguments is None else ():
         start, known = name.removesuffix("*"), {key: made for key, made in products.items() if made is not None}
         variants = {key.removeprefix(start): made for key, made in known.items() if key.startswith(start)}
-        given.append(known.get(name) if start == name else variants)
-    return given
+        inputs.append(known.get(name) if start == name else variants)
+    return inputs
 
 
 def _source(document, reads):

@@ -147,7 +147,7 @@ PREFIXED = ("m", "rad", "T", "V", "N", "A", "s", "Hz", "F", "W")
 def prefixed(size, unit):
     """Factor from an SI unit ("m s-2", "1", or empty) to the one that suits a size, and its text ("nm s⁻²", "%")."""
     power = 3 * math.floor(math.log10(size) / 3) if size > 0 and math.isfinite(size) else 0
-    text = re.sub(r"-?\d+", lambda found: found[0].translate(SUPERSCRIPTS), "" if unit == "1" else unit)
+    text = re.sub(r"-?\d+", lambda match: match[0].translate(SUPERSCRIPTS), "" if unit == "1" else unit)
     if unit == "1" and 1e-4 <= size < 10:
         return 100.0, "%"
     if unit.partition(" ")[0] in PREFIXED and power in PREFIXES:

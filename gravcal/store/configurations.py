@@ -27,24 +27,24 @@ MOST = 6  # parameters of a model that are said
 OF_ONE_DAY = {"truth"}  # names a file of one day: no choice of processing
 
 
-def chosen(calibration, given, name=None):
+def chosen(calibration, settings, name=None):
     """Parameters of a run and the name of its configuration; nothing is recorded.
 
-    Given are texts or values by name, as of ``--set`` and ``--model``; without any, those of the recorded experiment.
+    Settings: texts or values by name, as of ``--set`` and ``--model``; without any, those of the recorded experiment.
     """
     catalogue, used = parameters(calibration), operational(calibration)["settings"]
     if name not in (None, OPERATIONAL):
         _check_name(name)
-        if not set(given) - OF_ONE_DAY:
+        if not set(settings) - OF_ONE_DAY:
             recorded = settings_of(calibration, name)
-            return dataclasses.replace(_with(catalogue, recorded | given, name), configuration=name)
-    found = _with(catalogue, used, OPERATIONAL).with_settings(given)
-    changed = changes(found)
+            return dataclasses.replace(_with(catalogue, recorded | settings, name), configuration=name)
+    choice = _with(catalogue, used, OPERATIONAL).with_settings(settings)
+    changed = changes(choice)
     if changed == used:
         if name not in (None, OPERATIONAL):
             remedy = "Leave --as out, or give --set or --model."
             _refuse(calibration, name, "the settings of the operational configuration", "others", remedy)
-        return found
+        return choice
     if name == OPERATIONAL:
         remedy = "They make an experiment: give it another name, and make it operational with gravcal promote."
         _refuse(calibration, name, "--set or --model", "none", remedy)
@@ -61,7 +61,7 @@ def chosen(calibration, given, name=None):
         was = ", ".join(said(known["settings"] if known else {}))
         remedy = f"Give another name with --as, or remove it: gravcal products prune --configuration {name}."
         _refuse(calibration, name, ", ".join(said(changed)), f"{was}, for which it stands", remedy)
-    return dataclasses.replace(found, configuration=name)
+    return dataclasses.replace(choice, configuration=name)
 
 
 def changes(chosen):
@@ -95,8 +95,8 @@ def settings_of(calibration, name):
     recorded = _recorded(calibration, name)
     if recorded is None:
         known = ", ".join([OPERATIONAL, CATALOGUE, *names(calibration)])
-        found = f"that it was never run in {location.folder()}"
-        _refuse(calibration, name, found, f"one of {known}", "Or say with --set or --model what it is.")
+        fault = f"that it was never run in {location.folder()}"
+        _refuse(calibration, name, fault, f"one of {known}", "Or say with --set or --model what it is.")
     return recorded["settings"]
 
 
@@ -149,11 +149,11 @@ def models_apart(old, new):
     """What tells two models apart, JSON texts or "": of what, such as "torque.dipole_gain rod_y ", old and new text."""
     if not (old and new):
         return [("", _model(old), _model(new))]
-    each, found = [(_values(old, shown), _values(new, shown)) for shown in SHOWN], []
+    each, differences = [(_values(old, shown), _values(new, shown)) for shown in SHOWN], []
     for name in dict.fromkeys([*each[0][0], *each[0][1]]):
         pairs = [(a.get(name, "none"), b.get(name, "none")) for a, b in each]
-        found += [(f"{name} ", *pair) for pair in pairs if pair[0] != pair[1]][:1]
-    return found or [("", "the same values", "other correlations, shapes or result")]
+        differences += [(f"{name} ", *pair) for pair in pairs if pair[0] != pair[1]][:1]
+    return differences or [("", "the same values", "other correlations, shapes or result")]
 
 
 def _model(model):
@@ -164,7 +164,7 @@ def _model(model):
 
 def _values(model, shown=SHOWN[0]):
     """Values of a model with their units, as texts by cause, parameter and the days they hold for."""
-    found = {}
+    texts = {}
     for one in json.loads(model or "[]"):
         days = "".join(f" {word} {one[word]}" for word in ("from", "to") if word in one)
         values = {
@@ -172,8 +172,8 @@ def _values(model, shown=SHOWN[0]):
             for name, p in one["parameters"].items()
         }
         for name, value in (values or {"": "by its shape"}).items():
-            found.setdefault(one["cause"] + name + days, []).append(value)
-    return {name: " + ".join(values) for name, values in found.items()}
+            texts.setdefault(one["cause"] + name + days, []).append(value)
+    return {name: " + ".join(values) for name, values in texts.items()}
 
 
 def _with(catalogue, settings, name):
@@ -202,14 +202,14 @@ def _recorded(calibration, name):
     return recorded
 
 
-def _refuse(calibration, name, found, expected, remedy):
+def _refuse(calibration, name, fault, expected, remedy):
     where = f"configuration {name} of {calibration}"
-    refuse(where, found, expected, remedy, CatalogError, configuration=name)
+    refuse(where, fault, expected, remedy, CatalogError, configuration=name)
 
 
-def _broken(path, found):
+def _broken(path, fault):
     """CatalogError for a record that cannot be read."""
-    return CatalogError(f"{path}: {found}; expected a record as gravcal writes it. Put it back, or remove the file.")
+    return CatalogError(f"{path}: {fault}; expected a record as gravcal writes it. Put it back, or remove the file.")
 
 
 def _path(calibration, name):

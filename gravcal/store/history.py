@@ -78,16 +78,16 @@ def usual_seconds(stage, event=None):
     Without an event, or where it has none, the median over others; None where the stage never ran.
     """
     own = [*store.links(f"{event}/{stage}"), *store.links(f"{event}/as/*/{stage}")] if event else []
-    found = [store.read_record(folder) for _, folder in own or store.links(f"*/{stage}")[-SEEN:]]
-    return (min if own else statistics.median)([one["seconds"] for one in found if one] or [None])
+    records = [store.read_record(folder) for _, folder in own or store.links(f"*/{stage}")[-SEEN:]]
+    return (min if own else statistics.median)([one["seconds"] for one in records if one] or [None])
 
 
 def remade(entries, setting):
     """Keys of those products that another value of a setting makes again: it enters them, or what they are made of."""
-    found = {one.ref.key for one in entries if _takes(one.record["recipe"]["settings"], setting)}
-    while more := {one.ref.key for one in entries if found & {p.get("key") for p in one.record["from"]}} - found:
-        found |= more
-    return found
+    again = {one.ref.key for one in entries if _takes(one.record["recipe"]["settings"], setting)}
+    while more := {one.ref.key for one in entries if again & {p.get("key") for p in one.record["from"]}} - again:
+        again |= more
+    return again
 
 
 def _takes(settings, name):

@@ -71,8 +71,8 @@ def canonical(value, where):
         return int(value)
     if isinstance(value, float) and math.isfinite(value):
         return float(value) + 0.0
-    found, expected = f"{value!r} ({type(value).__name__})", "a finite number, text, or lists and mappings of them"
-    return refuse(where, found, expected, "Files enter a stage as inputs, not as settings.", CatalogError)
+    shown, expected = f"{value!r} ({type(value).__name__})", "a finite number, text, or lists and mappings of them"
+    return refuse(where, shown, expected, "Files enter a stage as inputs, not as settings.", CatalogError)
 
 
 def typed(value, annotation, where):
@@ -100,8 +100,8 @@ def check_inputs(stage, inputs, kinds):
         wanted = kinds[min(number, len(kinds) - 1)] if kinds else "no input"
         kind = "file" if is_file(item) else getattr(item, "kind", None)
         if kind is None:
-            given = type(item).__name__
-            raise TypeError(f"{stage}: input {number + 1} is a {given}, expected a product or Level-1 file")
+            form = type(item).__name__
+            raise TypeError(f"{stage}: input {number + 1} is a {form}, expected a product or Level-1 file")
         if not any(fnmatch.fnmatchcase(kind, one) for one in wanted.split("|")):
             refuse(f"{stage}, input {number + 1}", kind, wanted, "Pass the product of that stage.")
 
@@ -281,7 +281,7 @@ def _source(path):
 
 def _status(path):
     try:
-        return (found := path.stat()).st_size, found.st_mtime_ns
+        return (status := path.stat()).st_size, status.st_mtime_ns
     except FileNotFoundError:
         return None
 

@@ -70,8 +70,8 @@ def schema(kind):
     """Schema of a kind, or ANY."""
     known = kind if kind in _schemas else f"*.{kind.partition('.')[2]}"
     if known not in _schemas:
-        found = f"no schema is registered, only of {', '.join(sorted(_schemas)) or 'none'}"
-        refuse(f"product kind {kind}", found, "one", "Call product.register in the module of its stage.", kind=kind)
+        fault = f"no schema is registered, only of {', '.join(sorted(_schemas)) or 'none'}"
+        refuse(f"product kind {kind}", fault, "one", "Call product.register in the module of its stage.", kind=kind)
     return _schemas[known]
 
 
@@ -85,8 +85,8 @@ def check(dataset, kind):
     required = {name for name, stated in (expected or {}).items() if not stated.get("optional")}
     missing, extra = sorted(required - present), [] if expected is ANY else sorted(present - set(expected))
     if missing or extra:
-        found = f"variables missing: {', '.join(missing) or 'none'}; not in the schema: {', '.join(extra) or 'none'}"
-        refuse(kind, found, "what the schema says", CHANGE, missing=missing, extra=extra)
+        fault = f"variables missing: {', '.join(missing) or 'none'}; not in the schema: {', '.join(extra) or 'none'}"
+        refuse(kind, fault, "what the schema says", CHANGE, missing=missing, extra=extra)
     stated = {name: {} if expected is ANY else expected[name] for name in dataset.variables}
     labels = {n: _labels(n, own, stated[n], f"{kind}, variable {n}") for n, own in dataset.variables.items()}
     labelled = settled(dataset, labels, without_provenance(dataset.attrs))
@@ -107,8 +107,8 @@ def check(dataset, kind):
             wrong = ~np.isfinite(values) | np.append(False, np.diff(values) <= 0)[: values.size]
             if wrong.any():
                 first = int(np.argmax(wrong))
-                found, remedy = f"{values[first]!r} at index {first}", "Sort first, or call the dimension 'record'."
-                refuse(f"{kind}, coordinate {name}", found, "finite GPS seconds that increase", remedy)
+                epoch, remedy = f"{values[first]!r} at index {first}", "Sort first, or call the dimension 'record'."
+                refuse(f"{kind}, coordinate {name}", epoch, "finite GPS seconds that increase", remedy)
     return labelled
 
 

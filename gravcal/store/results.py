@@ -65,8 +65,8 @@ def parameters(document):
 
 def units(unit: str, names: Sequence[str]) -> list[str]:
     """Unit of each parameter of a result, where they differ in the order of the names."""
-    found = unit.split(", ")
-    return found if len(found) == len(names) else [unit] * len(names)
+    parts = unit.split(", ")
+    return parts if len(parts) == len(names) else [unit] * len(names)
 
 
 def searched(document):

@@ -259,13 +259,13 @@ def read_record(folder):
 
 def ancestry(*keys):
     """Records of products and of all they were made of, by key, the nearest first; None of one that is gone."""
-    found, waiting = {}, list(keys)
+    records, waiting = {}, list(keys)
     while waiting:
         key = waiting.pop(0)
-        if key not in found:
-            found[key] = read_record(folder_of(key))
-            waiting += [part["key"] for part in (found[key] or {"from": []})["from"] if part.get("key")]
-    return found
+        if key not in records:
+            records[key] = read_record(folder_of(key))
+            waiting += [part["key"] for part in (records[key] or {"from": []})["from"] if part.get("key")]
+    return records
 
 
 def inputs(record):

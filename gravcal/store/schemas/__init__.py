@@ -90,6 +90,6 @@ def _text(path):
     return "".join(parts).lstrip(".") or "document"
 
 
-def _refuse(where, found, expected):
-    shown = repr(found) if len(repr(found)) < 80 else f"{repr(found)[:77]}..."
+def _refuse(where, value, expected):
+    shown = repr(value) if len(repr(value)) < 80 else f"{repr(value)[:77]}..."
     refuse(f"result document: {where}", shown, expected, "Correct what writes the document.")
