@@ -141,10 +141,10 @@ def file_digest(path, member=None) -> str:
     """
     status = path.stat()
     place = os.path.abspath(path)  # noqa: PTH100 - resolve() would follow links
-    seen = [place, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
+    stamp = [place, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
     name = "file-" + hashlib.sha256(place.encode()).hexdigest()[:32]
     known = location.recall(name)
-    is_known = isinstance(known, dict) and known.get("seen") == seen and isinstance(known.get("digests"), dict)
+    is_known = isinstance(known, dict) and known.get("seen") == stamp and isinstance(known.get("digests"), dict)
     digests = known["digests"] if is_known else {}
     if (member or "") not in digests:
         if member:
@@ -155,7 +155,7 @@ def file_digest(path, member=None) -> str:
             with path.open("rb") as stream:
                 digests[""] = hashlib.file_digest(stream, "sha256").hexdigest()
         if time.time_ns() - status.st_ctime_ns > FILE_SETTLED_NS:
-            location.remember(name, {"seen": seen, "digests": digests})
+            location.remember(name, {"seen": stamp, "digests": digests})
     return digests[member or ""]
 
 
@@ -169,13 +169,13 @@ def inventory(folder) -> list[LevelOneFile]:
 
 def state_of(folder) -> str | None:
     """Digest of names, sizes and times of change of the Level-1 files and archives below a folder; None without any."""
-    seen = []
+    stamps = []
     for path in sorted(Path(folder).rglob("*")):
         if not path.name.startswith(".") and (is_archive(path) or from_name(path)):
             with contextlib.suppress(OSError):  # it went while we looked
                 status = path.stat()
-                seen.append(f"{path.relative_to(folder)} {status.st_size} {status.st_mtime_ns}")
-    return hashlib.sha256("\n".join(seen).encode()).hexdigest() if seen else None
+                stamps.append(f"{path.relative_to(folder)} {status.st_size} {status.st_mtime_ns}")
+    return hashlib.sha256("\n".join(stamps).encode()).hexdigest() if stamps else None
 
 
 def _listing(folder):
@@ -227,13 +227,13 @@ def find(folder, product, satellite, date) -> LevelOneFile | None:
 
 def limit() -> int:
     """Bytes that one file may unpack to."""
-    given = os.environ.get("GRAVCAL_UNPACKED_LIMIT", "256")
+    setting = os.environ.get("GRAVCAL_UNPACKED_LIMIT", "256")
     try:
-        most = int(float(given) * MEGABYTE)
+        most = int(float(setting) * MEGABYTE)
     except (ValueError, OverflowError):
         most = 0
     if most <= 0:
-        refuse("GRAVCAL_UNPACKED_LIMIT", repr(given), "a positive number of MB", "Correct or unset it.")
+        refuse("GRAVCAL_UNPACKED_LIMIT", repr(setting), "a positive number of MB", "Correct or unset it.")
     return most
 
 
@@ -320,15 +320,15 @@ def origin_of(file: LevelOneFile) -> str:
 
 def origin_below(folder, date: str | None) -> str:
     """Origin of the Level-1 files below a folder, loose and in archives, of one day or of all."""
-    found, wanted = [], lambda name: LEVEL_ONE.fullmatch(PurePosixPath(name).name) and (date or "") in name
+    origins, wanted = [], lambda name: LEVEL_ONE.fullmatch(PurePosixPath(name).name) and (date or "") in name
     for path in Path(folder).rglob("*"):
         if wanted(path.name):
-            found.append(origin_of_header(_header(path)))
+            origins.append(origin_of_header(_header(path)))
         elif is_archive(path) and (date in (days := DAY.findall(path.name)) or not (date and days)):
             with contextlib.suppress(GravcalError, *PACKED_DAMAGED), opened(path) as tar:
                 files = (item for item in members(tar, path) if item.isfile() and wanted(item.name))
-                found.extend(origin_of_header(_head(tar.extractfile(item), item.name)) for item in files)
-    return origins_together(found) or MEASURED
+                origins.extend(origin_of_header(_head(tar.extractfile(item), item.name)) for item in files)
+    return origins_together(origins) or MEASURED
 
 
 def check_own(folder) -> None:

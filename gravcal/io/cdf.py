@@ -29,8 +29,8 @@ EPOCH_S = 63113947200.0  # from the origin of CDF_EPOCH, 0000-01-01, to 2000-01-
 def files(folder: Path, satellite: str, date: str | None) -> list[archive.LevelOneFile]:
     """The file of a satellite and a day, as one of Level 1, newest release; none where the folder has none."""
     pattern = NAMES[satellite].format(day=str(date).replace("-", ""))
-    found = sorted(Path(folder).rglob(pattern), key=lambda path: path.name)[-1:]
-    return [archive.LevelOneFile(one, None, "CDF", satellite, str(date), one.stem[-4:]) for one in found]
+    newest = sorted(Path(folder).rglob(pattern), key=lambda path: path.name)[-1:]
+    return [archive.LevelOneFile(one, None, "CDF", satellite, str(date), one.stem[-4:]) for one in newest]
 
 
 def read(file: archive.LevelOneFile) -> tuple[dict[str, np.ndarray], str]:
@@ -63,6 +63,6 @@ def read(file: archive.LevelOneFile) -> tuple[dict[str, np.ndarray], str]:
     position = values["Radius"][:, None] * np.column_stack([around, np.sin(latitude)])
     flagged = values.get(FLAG, np.zeros(time.size)) != 0
     good = ~flagged & np.isfinite(time) & np.isfinite(np.column_stack([position, values[field]])).all(axis=1)
-    found = {"time": time, "position_e": position, "field_n": 1e-9 * values[field]}
-    found = {name: one[good] for name, one in found.items()} | {"flagged": int(flagged.sum())}
-    return found, archive.origin_of_header(header)
+    records = {"time": time, "position_e": position, "field_n": 1e-9 * values[field]}
+    records = {name: one[good] for name, one in records.items()} | {"flagged": int(flagged.sum())}
+    return records, archive.origin_of_header(header)

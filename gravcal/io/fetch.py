@@ -118,8 +118,8 @@ class Missing(Exception):
 def of_event(event):
     """Archives that hold the Level-1 files of an event of the catalogue."""
     if not event.raw_files:
-        found, remedy = f"no Level-1 files (date {event.date or 'unknown'})", "Name a day with --satellite and --date."
-        refuse(f"event {event.name}", found, "a date and products", remedy, CatalogError)
+        files, remedy = f"no Level-1 files (date {event.date or 'unknown'})", "Name a day with --satellite and --date."
+        refuse(f"event {event.name}", files, "a date and products", remedy, CatalogError)
     digests = {}
     for file in event.raw_files:
         mission, product = _mission(file.letter), file.product
@@ -135,20 +135,20 @@ def of_day(satellite, date, parts=("noLRI",), release=None):
     Parts of GRACE-FO: "noLRI" and "LRI" (Levels 1A and 1B), transplants "ACX" and "ACX2" (Level 1B), "MAG" (GFZ's
     calibrated magnetometer); of both missions "SOE" (sequence of events). GRACE has Level 1B without parts.
     """
-    mission, found = _mission(satellite[:1]), []
+    mission, bundle = _mission(satellite[:1]), []
     known = PARTS if mission == "gracefo" else ("noLRI", "SOE")
     for part in parts:
         if part not in known:
             expected = f"one of {', '.join(known)}"
             refuse(f"{mission}: part {part}", "no such archive", expected, "Name one.", CatalogError)
         if part == "SOE":
-            found.append(Archive(mission, part, date, "", ""))
+            bundle.append(Archive(mission, part, date, "", ""))
         elif part == "MAG":
-            found += [Archive(mission, part, date, release or MAGNETOMETER, str("CD".index(n) + 1)) for n in satellite]
+            bundle += [Archive(mission, part, date, release or MAGNETOMETER, str("CD".index(n) + 1)) for n in satellite]
         else:
             levels = ("1A", "1B") if mission == "gracefo" and "LRI" in part else ("1B",)
-            found += [Archive(mission, level, date, release or RELEASES[mission], part) for level in levels]
-    return found
+            bundle += [Archive(mission, level, date, release or RELEASES[mission], part) for level in levels]
+    return bundle
 
 
 def _mission(letter):
@@ -325,11 +325,11 @@ def _download(session, url, part, patience, listener):
                 start, total = 0, int(length) if length.isdigit() else None
             else:
                 extent = response.headers.get("Content-Range", "").strip()
-                given = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", extent)
-                if not given or int(given[1]) != have:
+                span = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", extent)
+                if not span or int(span[1]) != have:
                     part.unlink()
                     raise Interrupted("the server sent another part than was asked for")
-                start, total = have, None if given[2] == "*" else int(given[2])
+                start, total = have, None if span[2] == "*" else int(span[2])
             descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666)
             with os.fdopen(descriptor, "wb") as stream:
                 stream.truncate(start)
@@ -375,8 +375,8 @@ class Session(requests.Session):
         parts = urlsplit(to)
         opened = here.startswith("https:") and parts.scheme == "http" and not _is_loopback(parts.hostname)
         if parts.scheme not in ("http", "https") or opened or "@" in parts.netloc:
-            found = f"that it redirects to {shown(to)}"
-            refuse(shown(here), found, "a secure address", "Name another archive.")
+            redirect = f"that it redirects to {shown(to)}"
+            refuse(shown(here), redirect, "a secure address", "Name another archive.")
         if login := authorization(to, self.asked):
             prepared_request.headers["Authorization"] = login
 
@@ -409,8 +409,8 @@ def _ask(session, url, headers, patience):
         pause = response.headers.get("Retry-After", "")
         raise Interrupted(f"the server answers {status}", float(pause) if pause.isdigit() else 0.0)
     if status in (401, 403):
-        found = f"that {urlsplit(response.url).hostname} answers {status}: it wants a login, or another one"
-        refuse(shown(url), found, "the file", LOGIN, status=status)
+        answer = f"that {urlsplit(response.url).hostname} answers {status}: it wants a login, or another one"
+        refuse(shown(url), answer, "the file", LOGIN, status=status)
     return refuse(shown(url), f"that the server answers {status}", "the file", "Check the address.")
 
 

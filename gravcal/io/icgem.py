@@ -37,7 +37,7 @@ def read_field(path: Path, highest: int | None = None) -> Field:
     head, first = _head(lines, path)
     degree = head["degree"] if highest is None else min(highest, head["degree"])
     parts = np.zeros((4, degree + 1, degree + 1))
-    seen = np.zeros((degree + 1, degree + 1), dtype=bool)
+    listed = np.zeros((degree + 1, degree + 1), dtype=bool)
     for number, line in enumerate(lines[first:], first + 1):
         words = line.split()
         if not words or words[0] in VARIABLE:
@@ -51,8 +51,8 @@ def read_field(path: Path, highest: int | None = None) -> Field:
         if n <= degree:
             values = [_number(word, where) for word in words[3:7]]
             parts[: len(values), n, m] = values
-            seen[n, m] = True
-    if not seen[0, 0]:
+            listed[n, m] = True
+    if not listed[0, 0]:
         parts[0, 0, 0] = 1.0
     if head["norm"] == "unnormalized":
         n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]

@@ -85,32 +85,32 @@ def read_line(line):
 
 def read_sequence(path):
     """Entries of a sequence-of-events file in the order of time; deleted, empty and # lines are left out."""
-    found = []
+    entries = []
     for number, line in enumerate(Path(path).read_text(encoding="latin-1").splitlines(), 1):
         if line.strip() and not line.lstrip().startswith("#"):
             try:
-                found.append(read_line(line))
+                entries.append(read_line(line))
             except ProductError as error:
                 raise ProductError(f"{path}, line {number}: {error}") from None
-    return sorted((entry for entry in found if entry is not None), key=lambda entry: entry.time)
+    return sorted((entry for entry in entries if entry is not None), key=lambda entry: entry.time)
 
 
 def sessions(entries):
     """Calibrations that the CMCAL and KBRCAL lines of a file bound, those without begin or end among them."""
-    found, begun = [], {}
+    calibrations, begun = [], {}
     for one in entries:
         if one.name not in CALIBRATIONS or len(one.values) != 1:
             continue
         at, what = (one.name, one.satellite), (CALIBRATIONS[one.name], one.satellite)
         if begun.get(at) and one.values[0]:
-            found.append(Session(*what, begun[at].time, None, begun[at].comment))
+            calibrations.append(Session(*what, begun[at].time, None, begun[at].comment))
         if one.values[0]:
             begun[at] = one
             continue
         first = begun.pop(at, None)
-        found.append(Session(*what, first and first.time, one.time, first.comment if first else one.comment))
+        calibrations.append(Session(*what, first and first.time, one.time, first.comment if first else one.comment))
     left = [Session(CALIBRATIONS[n], letter, e.time, None, e.comment) for (n, letter), e in begun.items() if e]
-    return sorted(found + left, key=lambda one: (one.start or one.stop, one.satellite))
+    return sorted(calibrations + left, key=lambda one: (one.start or one.stop, one.satellite))
 
 
 def in_force(entries, name, satellite, time):
@@ -145,6 +145,6 @@ def _checked(vector, where, shape=(3,)):
     """Finite floats of the right shape; what was not determined cannot be written here."""
     array = np.array([np.nan if item is None else item for item in np.ravel(vector)], dtype=float)
     if array.size != np.prod(shape) or not np.all(np.isfinite(array)):
-        found = ", ".join(f"{item:g}" for item in array)
-        refuse(where, f"({found})", f"finite numbers of shape {shape}", "Write determined vectors only.")
+        numbers = ", ".join(f"{item:g}" for item in array)
+        refuse(where, f"({numbers})", f"finite numbers of shape {shape}", "Write determined vectors only.")
     return array.tolist() if len(shape) == 1 else array.reshape(shape)

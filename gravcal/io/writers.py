@@ -71,12 +71,12 @@ def file_name(product: str, date: str, satellite: str, release: str = "04") -> s
 
 def _columns(observed, table: Product, satellite, where):
     """Array of every column the records hold, under the names and axes of the file."""
-    given = {str(name): np.asarray(observed[name]) for name in observed}
-    held = dict(given)
+    arrays = {str(name): np.asarray(observed[name]) for name in observed}
+    held = dict(arrays)
     for af, srf in srf_names(table).items():
         held.pop(af, None)
-        if srf in given:
-            held[af] = given[srf]
+        if srf in arrays:
+            held[af] = arrays[srf]
     n = len(held[table.time[0]])
     columns = list(table.columns)
     if table.optional:

@@ -15,15 +15,15 @@ from gravcal.errors import CatalogError, refuse
 
 def by_slug(strengths: Mapping[str, float] | None) -> dict[str, dict[str, float]]:
     """Values by effect, {slug: {parameter: value}}, from {"slug.parameter": value}, SI, or None."""
-    found: dict[str, dict[str, float]] = {}
+    values: dict[str, dict[str, float]] = {}
     for name, value in (strengths or {}).items():
         slug, _, parameter = name.rpartition(".")
         known = [p.name for p in effect(slug).parameters]
         if parameter not in known:
             expected = f"one of {', '.join(known)}"
             refuse(f"effect {slug}", f"parameter {parameter!r}", expected, "Correct the name.", CatalogError)
-        found.setdefault(slug, {})[parameter] = float(value)
-    return found
+        values.setdefault(slug, {})[parameter] = float(value)
+    return values
 
 
 def of_channels(*channels: str) -> tuple[str, ...]:
@@ -43,12 +43,12 @@ def within(effects: Mapping[str, Mapping[str, float]], slugs: tuple[str, ...]) -
 def added(effects: Mapping[str, Mapping[str, float]], channel: str, context: Context):
     """Sum of the contributions of the effects to a channel of CHANNELS, 0.0 if there is none."""
     total = 0.0
-    for slug, given in effects.items():
+    for slug, values in effects.items():
         entry = effect(slug)
         if entry.channel != channel:
             continue
         try:
-            total = total + entry.contribution(context, entry.values(given))
+            total = total + entry.contribution(context, entry.values(values))
         except KeyError as missing:
             remedy = "It belongs to another calibration; see gravcal effects."
             refuse(f"effect {slug}", f"no {missing} in this simulation", "what it needs", remedy, CatalogError)

@@ -45,9 +45,9 @@ def plan(chosen, full_scale: float) -> list[Planned]:
     made = []
     for item, one in enumerate(catalog.design(chosen.design).manoeuvres):
         if one.period_s != chosen.manoeuvre_period_s or one.facts.get("rod") not in ("x", "y", "z"):
-            found = f"a {one.kind} of {one.period_s} s with rod {one.facts.get('rod')!r}"
+            manoeuvre = f"a {one.kind} of {one.period_s} s with rod {one.facts.get('rod')!r}"
             expected = f"one of {chosen.manoeuvre_period_s} s, as manoeuvre_period_s has it, with rod x, y or z"
-            refuse(f"design {chosen.design}", found, expected, "Correct the design.", CatalogError)
+            refuse(f"design {chosen.design}", manoeuvre, expected, "Correct the design.", CatalogError)
         share = one.facts.get("current_ma", full_scale) / full_scale
         name = "{}_{:.0f}_{:.0f}".format(one.kind, *one.facts["latitude_deg"])
         made += [_planned(one, item, name, one.duration_s, share)] * one.count
@@ -177,7 +177,7 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
             {"kind": one.kind, "area": one.name, "item": one.item, "start": float(a), "stop": float(b)}
             for one, a, b in zip(scene.planned, scene.start, scene.stop, strict=True)
         ],
-        "effects": {slug: dict(given) for slug, given in effects.items()},
+        "effects": {slug: dict(values) for slug, values in effects.items()},
         "noise_scale": chosen.noise_scale,
     }
     return columns, truth
@@ -214,8 +214,8 @@ def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
     for closed in (True, False) if any(effect(slug).channel in EXTRA for slug in effects) else ():
         context = sensors.context_of_steps(inner, parts.size, steps, around, states, control[0], scene)
         none = np.zeros((inner.size, 3))
-        found = [(none + contributed(effects, name, context)).reshape(-1, parts.size, 3) for name in EXTRA]
-        ends = [np.stack([v[:, 0], 2 * v[:, 1:].mean(axis=1) - v[:, 0]], axis=1) for v in found]
+        contributions = [(none + contributed(effects, name, context)).reshape(-1, parts.size, 3) for name in EXTRA]
+        ends = [np.stack([v[:, 0], 2 * v[:, 1:].mean(axis=1) - v[:, 0]], axis=1) for v in contributions]
         added = ends[0], slow + ends[1]
         states, control = flight.fly(steps, around, body, start, added, None if closed else control)
     motion = _motion(steps, around, scene, states, control, added)
@@ -296,15 +296,15 @@ def measured_noise(usual, known, measured) -> dict:
     if measured.attrs["source_of_noise"] != "quiet data":
         return {}
     time, node = np.arange(-400, 401) / 100, np.array(usual.noise_frequency_hz)
-    seen = node[(node >= 0.05) & (node <= known.lowpass_hz)]
+    band = node[(node >= 0.05) & (node <= known.lowpass_hz)]
     filters = {"lowpass_hz": known.lowpass_hz, "half_width_s": known.half_width_s}
     gain = lowpass_resampler(time, np.ones(time.size, bool), np.zeros(1), **filters)(
-        np.cos(2 * np.pi * time[:, None] * seen)
+        np.cos(2 * np.pi * time[:, None] * band)
     )[0]
-    found = {}
+    settings = {}
     for axis, density in zip("xyz", measured["density"].values, strict=True):
         before = np.array(getattr(usual, f"linear_noise_{axis}"))
-        there = np.sqrt(np.interp(seen, measured["frequency"].values, density)) / gain
-        share = np.interp(node, seen, there / np.interp(seen, node, before))
-        found[f"linear_noise_{axis}"] = (before * share).tolist()
-    return found
+        there = np.sqrt(np.interp(band, measured["frequency"].values, density)) / gain
+        share = np.interp(node, band, there / np.interp(band, node, before))
+        settings[f"linear_noise_{axis}"] = (before * share).tolist()
+    return settings

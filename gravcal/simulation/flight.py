@@ -91,14 +91,14 @@ def windows(text: str) -> np.ndarray:
         return np.array([[0.0, DAY]])
     try:
         ends = [[datetime.strptime(end.strip(), "%H:%M") for end in one.split("-")] for one in text.split(",")]
-        found = np.array([[3600.0 * end.hour + 60 * end.minute for end in (begin, stop)] for begin, stop in ends])
+        bounds = np.array([[3600.0 * end.hour + 60 * end.minute for end in (begin, stop)] for begin, stop in ends])
     except ValueError:
         refuse(
             "windows", repr(text), "times of the day such as '02:10-04:00, 05:40-07:15'", "Correct them.", CatalogError
         )
-    if np.any(found[:, 1] <= found[:, 0]):
+    if np.any(bounds[:, 1] <= bounds[:, 0]):
         refuse("windows", repr(text), "an end after each begin, on one day", "Correct them.", CatalogError)
-    return found
+    return bounds
 
 
 def within_windows(since: np.ndarray, duration: float, allowed: np.ndarray) -> np.ndarray:

@@ -81,11 +81,11 @@ def simulate(
     """
     hidden = Hidden(within(effects or {}, KNOWN), day)
     if chosen.design:  # its swing and its roll in place of those of the settings
-        found = {one.kind: one for one in catalog.design(chosen.design).manoeuvres}
-        new = {"manoeuvre": "both" if len(found) > 1 else next(iter(found))}
-        if roll := found.get("roll"):
+        manoeuvres = {one.kind: one for one in catalog.design(chosen.design).manoeuvres}
+        new = {"manoeuvre": "both" if len(manoeuvres) > 1 else next(iter(manoeuvres))}
+        if roll := manoeuvres.get("roll"):
             new |= {"roll_s": roll.duration_s, "roll_period_s": roll.period_s}
-        if driven := found.get("swing"):
+        if driven := manoeuvres.get("swing"):
             new |= {f"swing_{name[5:]}": value for name, value in driven.facts.items() if name.startswith("axes_")}
             new |= {"swing_s": driven.duration_s}
         chosen = chosen.with_settings(new)
@@ -155,8 +155,8 @@ def measured_noise(_usual, _known, scaled, moved) -> dict:
     size = np.linalg.norm(shares, axis=0)
     volts, force = np.sqrt(nnls(shares / size, np.ones(6))[0] / size)
     tracker = np.sqrt(np.mean(scaled["tracker_sigma"].values ** 2))
-    found = {"voltage_noise_v_rthz": volts, "acceleration_noise_m_s2_rthz": force, "tracker_noise_rad": tracker}
-    return {name: float(value) for name, value in found.items()}
+    settings = {"voltage_noise_v_rthz": volts, "acceleration_noise_m_s2_rthz": force, "tracker_noise_rad": tracker}
+    return {name: float(value) for name, value in settings.items()}
 
 
 def draw(satellite: Mapping, chosen, rng) -> Truth:

@@ -79,7 +79,7 @@ def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, 
         "phase_centre_mm": {letter: (1e3 * c).tolist() for letter, c in zip(letters, centre, strict=True)},
         "manoeuvres": manoeuvres,
         "misalignment_urad": list(chosen.misalignment_urad),
-        "effects": {slug: dict(given) for slug, given in effects.items()},
+        "effects": {slug: dict(values) for slug, values in effects.items()},
     }
     return columns, truth
 
@@ -107,8 +107,8 @@ def draw_pair(chosen, day: float, rng) -> Pair:
             wiggles.append(Wiggle(*place, kind, start, start + length + 2 * slew, *turn))
         start += length + 2 * slew + chosen.quiet_s
     if wiggles and wiggles[-1].stop > day + constants.DAY - 400:
-        found = f"sub-manoeuvres until {wiggles[-1].stop - day:.0f} s"
-        refuse("wiggles of a day", found, "an end 400 s before midnight", "Lower quiet_s, or fly less.", CatalogError)
+        plan = f"sub-manoeuvres until {wiggles[-1].stop - day:.0f} s"
+        refuse("wiggles of a day", plan, "an end 400 s before midnight", "Lower quiet_s, or fly less.", CatalogError)
     # two bodies on one orbit, the second some seconds behind or ahead: both obey the same field exactly
     angles = rng.uniform(0, 2 * np.pi, 2)
     inclination = np.radians(chosen.inclination_deg)
@@ -178,9 +178,9 @@ def measured_noise(usual, _known, measured) -> dict:
         measured["log_covariance"].values[np.ix_(used, used)],
     )
     power = measured["pointing_power"].values[measured["corner"].values > 1 / usual.period_s].sum()
-    found = {"orbit_red_m": np.exp(fitted[0]), "orbit_red_slope": fitted[1], "ranging_noise_m": np.exp(fitted[2])}
-    found |= {"star_camera_white_rad": np.sqrt(power / 2), "noise_scale": 1.0}
-    return {name: float(value) for name, value in found.items()}
+    settings = {"orbit_red_m": np.exp(fitted[0]), "orbit_red_slope": fitted[1], "ranging_noise_m": np.exp(fitted[2])}
+    settings |= {"star_camera_white_rad": np.sqrt(power / 2), "noise_scale": 1.0}
+    return {name: float(value) for name, value in settings.items()}
 
 
 def _pointing(chosen, day, wiggles, rng):
@@ -253,7 +253,7 @@ def ranging(pair: Pair, centre: np.ndarray, chosen, effects: Mapping, rng) -> di
         lines.append(np.matvec(turn, np.matvec(R_bi, (1, -1)[k] * u / com[:, None])))
     rate, line, position = np.gradient(com, step), np.stack(lines, axis=1), states[0][:, :3]
     every, distance = max(time.size // 8640, 1), np.linalg.norm(u + centre_i[1] - centre_i[0], axis=1)
-    seen = {
+    extra = {
         "angle": np.stack([pointing(time)[:, 1:] for pointing in pair.pointing], axis=1),
         "range": com,
         "range_rate": np.gradient(distance, step),
@@ -263,8 +263,8 @@ def ranging(pair: Pair, centre: np.ndarray, chosen, effects: Mapping, rng) -> di
         "argument": orbit_environment.argument_of_latitude(position, np.cross(position[0], states[0][0, 3:])),
         "warmth": orbit_environment.warmth(time, time[::every], position[::every]),
     }
-    seen["correction_band"] = in_bands(seen["antenna_correction"], step, BANDS_HZ)
-    context = Context(time=time, extra=seen, epoch=pair.day + constants.DAY / 2)
+    extra["correction_band"] = in_bands(extra["antenna_correction"], step, BANDS_HZ)
+    context = Context(time=time, extra=extra, epoch=pair.day + constants.DAY / 2)
     light = -com * (0.25 + rate) / constants.SPEED_OF_LIGHT
     noise = chosen.ranging_noise_m * np.sqrt(0.5 / step) * rng.standard_normal(time.size)
     if chosen.ranging_corner_hz > 0:  # a part that rises towards low frequencies

@@ -19,11 +19,11 @@ EFFECTS = OF_MAGNETOMETER
 def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
     """Level-1 columns of a simulated day and its truth; arguments as of `gravcal.simulation`."""
     rng = np.random.default_rng(seed)
-    given = within(effects, EFFECTS)
+    hidden = within(effects, EFFECTS)
     drawn = {}
     for slug in EFFECTS:
         parameters = effect(slug).parameters
-        drawn[slug] = effect(slug).values(given.get(slug, {}))
+        drawn[slug] = effect(slug).values(hidden.get(slug, {}))
         if slug not in OF_WARMTH:
             size = chosen.scatter * np.array([p.prior_sigma for p in parameters])
             drawn[slug] = size * rng.standard_normal(len(parameters)) + drawn[slug]

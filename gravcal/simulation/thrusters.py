@@ -25,9 +25,9 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     within(effects, EFFECTS)
     gain = 1 + chosen.gain_scatter * rng.standard_normal(3)
     delay = chosen.delay_scatter_s * rng.standard_normal()
-    given = {slug: effect(slug).values(effects.get(slug, {})) for slug in EFFECTS[:2]}
-    gain = gain + given["torque.thruster_firings"]
-    delay = delay + given["timing.thruster_delay"][0]
+    values = {slug: effect(slug).values(effects.get(slug, {})) for slug in EFFECTS[:2]}
+    gain = gain + values["torque.thruster_firings"]
+    delay = delay + values["timing.thruster_delay"][0]
     path = flight.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)
     # firings: start (k,) s, thrusters in use (k, 12), time on (k,) ms; each undoes the last about its axis
     spacing = rng.exponential(chosen.firing_spacing_s, int(2 * chosen.duration_s / chosen.firing_spacing_s) + 10) + 2.0

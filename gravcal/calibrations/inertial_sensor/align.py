@@ -194,9 +194,9 @@ def align(
     begin, end = runs(missing.any(axis=1) & (time >= start - 5) & (time <= stop + 5))
     longest = float((end - begin).max(initial=0)) * SENSOR_STEP
     if longest > gap_limit_s:
-        found, remedy = f"a gap of {longest:.1f} s in the voltages", "Use another swing, or raise gap_limit_s."
+        gap, remedy = f"a gap of {longest:.1f} s in the voltages", "Use another swing, or raise gap_limit_s."
         expected = f"at most {gap_limit_s:.1f} s, for they are integrated twice"
-        refuse(where, found, expected, remedy, EstimationError, gap_s=longest)
+        refuse(where, gap, expected, remedy, EstimationError, gap_s=longest)
     spike = spikes(repaired(time, recorded, missing), 5, spike_sigma) & ~missing
     used = (attitude["time"] >= time[0]) & (attitude["time"] <= time[-1])
     used &= np.isfinite(attitude["quaternion"]).all(axis=1)

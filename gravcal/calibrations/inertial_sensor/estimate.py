@@ -85,8 +85,8 @@ def estimate(
     >>> scale = np.array([5.4e-4, 2.7e-4, 1.1e-4])
     >>> volt = offset_tensor(still, rate_dot, gradient) @ [-140e-6, 628e-6, -896e-6] / scale
     >>> volt += 0.1 + 1e-6 * rng.standard_normal(volt.shape)
-    >>> found = inertial_sensor.estimate(still, rate_dot, gradient, volt, time, noise, scale)
-    >>> bool(np.all(np.abs(found.value - [-140e-6, 628e-6, -896e-6]) < 4 * found.sigma))
+    >>> offset = inertial_sensor.estimate(still, rate_dot, gradient, volt, time, noise, scale)
+    >>> bool(np.all(np.abs(offset.value - [-140e-6, 628e-6, -896e-6]) < 4 * offset.sigma))
     True
     """
     time = np.asarray(time, dtype=float)
@@ -106,10 +106,10 @@ def scale(
     """
     late = align.late(aligned)
     if abs(late) > LATE_S:
-        found = f"attitudes tagged {late} s late against the voltages"
+        lateness = f"attitudes tagged {late} s late against the voltages"
         expected = f"at most {LATE_S:.0f} s, for one is integrated to the other"
         remedy = "Correct the tags of one file."
-        refuse(f"swing from {float(aligned.start):.0f} s", found, expected, remedy, EstimationError, late_s=late)
+        refuse(f"swing from {float(aligned.start):.0f} s", lateness, expected, remedy, EstimationError, late_s=late)
     prepared = swing_of(aligned, bin_s, quiet_margin_s, np.array(geometry["inertia"]))
     fitted = model.fit(prepared, np.array(first_beta, dtype=float))
     sigma = np.sqrt(np.diag(fitted.covariance))
@@ -150,9 +150,9 @@ def swing_of(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: 
     quiet = [block for block in quiet if len(block) > 13]
     variance = sum(np.sum(block**2, axis=0) for block in quiet) / max(sum(len(block) - 4 for block in quiet), 1)
     if not np.all(variance > 0):
-        found, remedy = f"{sum(map(len, quiet))} quiet bins beside it", "Give a longer record, or lower quiet_margin_s."
+        bins, remedy = f"{sum(map(len, quiet))} quiet bins beside it", "Give a longer record, or lower quiet_margin_s."
         expected = "at least 300 s either side to measure the noise"
-        refuse(f"swing from {start:.0f} s", found, expected, remedy, EstimationError)
+        refuse(f"swing from {start:.0f} s", bins, expected, remedy, EstimationError)
     calm = (time_att < start - quiet_margin_s) | (time_att > stop + quiet_margin_s)
     turn, step_att = frames.attitude_error(quaternion[1:], quaternion[:-1]), np.diff(time_att)
     turn[~((np.abs(step_att - np.median(step_att)) < 1e-3) & calm[1:] & calm[:-1])] = np.nan
@@ -179,7 +179,7 @@ def _coloured(bins, variance, count, step_s):
     One and zeros where their spectrum is flat, as far as is known. Bins are means (n, 3) and numbers (n,) of samples.
     A polynomial stands for the motion, below the lowest knot of the spectrum; a bin that is not full has another epoch.
     """
-    found, samples = np.eye(1, count)[np.zeros(3, dtype=int)], max(np.max(number) for _, number in bins)
+    covariance, samples = np.eye(1, count)[np.zeros(3, dtype=int)], max(np.max(number) for _, number in bins)
     whole = [np.where((number == samples)[:, None], values, np.nan) for values, number in bins if len(number) > 100]
     whole = [one for one in whole if np.isfinite(one).all(axis=1).mean() > 0.9]
     knots = np.geomspace(MOTION_HZ, 0.5 / step_s, KNOTS)
@@ -190,8 +190,8 @@ def _coloured(bins, variance, count, step_s):
         away = spectrum.log_density - spectrum.log_density.mean()
         if not chdtrc(KNOTS - 1, away @ np.linalg.solve(spectrum.covariance, away)) > FLAT:
             density = spectrum.density(np.fft.rfftfreq(8 * count, step_s))
-            found[axis] = np.fft.irfft(density)[:count] / (2 * step_s) * samples / variance[axis]
-    return found
+            covariance[axis] = np.fft.irfft(density)[:count] / (2 * step_s) * samples / variance[axis]
+    return covariance
 
 
 def quiet_edges(aligned: xr.Dataset, bin_s: float, margin_s: float, first: float | None = None) -> list[np.ndarray]:
@@ -416,10 +416,10 @@ def fit_offset(
     return _finite(estimating.estimate(volts, columns, record.noise, record.trend, ("x", "y", "z"), "m"))
 
 
-def _finite(found):
+def _finite(solution):
     """Estimate whose directions that nothing determines are zero, without error."""
-    covariance = least_squares.stable_inverse(found.information)
-    return replace(found, value=covariance @ found.right, covariance=covariance)
+    covariance = least_squares.stable_inverse(solution.information)
+    return replace(solution, value=covariance @ solution.right, covariance=covariance)
 
 
 def factor_y(record: Record, k: np.ndarray, relative: np.ndarray) -> tuple[float, float, float]:

@@ -142,12 +142,12 @@ class InertialSensor(records.Observations):
         rolled = self._over_all(responses.of_roll(self.roll), self.swung) if self.roll else []
         biases = tuple(self.parameters.index(name) for name in RollView.parameters[:3]) if self.roll else ()
         rolled = [replace(one, means=biases) if one.cause in WAVES else one for one in rolled]
-        found = {(one.cause, one.form): one for one in swung}
+        candidates = {(one.cause, one.form): one for one in swung}
         for one in rolled:
-            whole = found.get((one.cause, one.form), one)
+            whole = candidates.get((one.cause, one.form), one)
             columns = [a if b is None else b for a, b in zip(whole.columns, one.columns, strict=True)]
-            found[one.cause, one.form] = replace(whole, columns=columns)
-        return list(found.values())
+            candidates[one.cause, one.form] = replace(whole, columns=columns)
+        return list(candidates.values())
 
     def _over_all(self, candidates, before=0):
         """Candidates with columns from a block on, over all blocks; those of a roll alone end before what is known."""
@@ -174,18 +174,18 @@ class InertialSensor(records.Observations):
         that it gives them, r = q / (1 + 4 q V), it is q = r / (1 - 4 r V), V the mean that was recorded; not determined
         where no q is such.
         """
-        found = super().physical(entry, fitted)
+        physical = super().physical(entry, fitted)
         record = self.swing.aligned if self.swing else self.roll.products["segment"]
         if entry.cause == QUADRATIC and entry.cause not in record.attrs.get("model", ""):
             volts = (self.swing or self.roll).context().extra["volts"]
             means = {a: volts[:, row > 0].mean() for a, row in zip("xyz", electrodes.READOUT, strict=False)}
-            bent = {a: max(1 - 4 * p.value * means[a], 0.0) or np.nan for a, p in found.parameters.items()}
+            bent = {a: max(1 - 4 * p.value * means[a], 0.0) or np.nan for a, p in physical.parameters.items()}
             scaled = lambda p, by: replace(p, value=p.value / by, sigma=p.sigma / by**2)  # noqa: E731
-            return replace(found, parameters={a: scaled(p, bent[a]) for a, p in found.parameters.items()})
-        known = found.parameters.items() if fitted.candidate.means else ()
+            return replace(physical, parameters={a: scaled(p, bent[a]) for a, p in physical.parameters.items()})
+        known = physical.parameters.items() if fitted.candidate.means else ()
         sizes = {a: [p.value for n, p in known if n.split("_")[1] == a and p.value] for a in "xyz"}
         means = {f"mean_{a}": records.Parameter(0.0, float(np.linalg.norm(v)), "m s-2") for a, v in sizes.items() if v}
-        return replace(found, parameters=dict(found.parameters) | means)
+        return replace(physical, parameters=dict(physical.parameters) | means)
 
     def forms_of(self, entry: records.Entry) -> Iterable[records.Candidate]:
         """Candidate of its form; of a step that at its own epoch."""

@@ -103,9 +103,9 @@ class RollView:
                 return beside(np.concatenate([shared, columns], axis=2))
 
             here = left[:, :, axis, None]
-            found = noise.jumps(lambda places, w=with_jumps, one=here: np.concatenate(w(places)(one))[:, 0])
-            models.append(noise.power_laws(here, with_jumps(found), count, self.step_s))
-            runs = [noise.whiten(models[-1], run[:, 0], np.ones(len(run), bool)) for run in with_jumps(found)(here)]
+            jumps = noise.jumps(lambda places, w=with_jumps, one=here: np.concatenate(w(places)(one))[:, 0])
+            models.append(noise.power_laws(here, with_jumps(jumps), count, self.step_s))
+            runs = [noise.whiten(models[-1], run[:, 0], np.ones(len(run), bool)) for run in with_jumps(jumps)(here)]
             rests.append(np.concatenate(runs))
         lost = len(count) * self.designs[0][0].shape[1] + shared.shape[2]
         return models, noise.changing_levels(np.stack(rests, axis=1), lost)

@@ -31,14 +31,14 @@ def report(*products, event, names, settings, published):
     """
     named = dict(zip(names, products, strict=True))
     tests = [*of_product(named["checks"]), *checks.result(named, settings)] if "checks" in named else []
-    found, sections = _result(named, settings), partial(_sections, published=published)
+    body, sections = _result(named, settings), partial(_sections, published=published)
     about = {
         "event": event,
         "settings": settings,
         "heading": "Inertial sensor",
-        "subtitle": WORDS.note("subtitle", **found),
+        "subtitle": WORDS.note("subtitle", **body),
     }
-    document, files = pages.report("inertial_sensor", found, named, tests, sections, **about)
+    document, files = pages.report("inertial_sensor", body, named, tests, sections, **about)
     swung, rolled = document.get("swing", {}), document.get("roll", {})
     unknown = {"value": [None] * 3}
     values = {name: [(swung.get(name, {}).get(axis) or {}).get("value") for axis in AXES] for name in ("k", "beta")}
@@ -50,7 +50,7 @@ def report(*products, event, names, settings, published):
 def _result(products, settings):
     """Result document but for its head and tail; products {name: Dataset}, settings all parameters."""
     detected = products["detect"]
-    found = {
+    body = {
         "status": "delivered" if "scale" in products or "bias" in products else "no_manoeuvre",
         "method": settings["method"],
         "direction": "com_to_test_mass",
@@ -62,14 +62,14 @@ def _result(products, settings):
         "not_determined": {name: WORDS.note(name) for name in ("k_y", "beta_z", "bias_y")},
     }
     if "scale" in products:
-        found["swing"] = _swing(products["scale"], products["offset"])
-        if found["swing"]["k"]["y"]:
-            del found["not_determined"]["k_y"]
+        body["swing"] = _swing(products["scale"], products["offset"])
+        if body["swing"]["k"]["y"]:
+            del body["not_determined"]["k_y"]
     if "bias" in products:
-        found["roll"] = _roll(products["bias"])
+        body["roll"] = _roll(products["bias"])
         if "not_determined" in products["bias"].attrs:
-            found["not_determined"]["bias"] = products["bias"].attrs["not_determined"]
-    return found | {"verdict": {"text": verdict(found)}}
+            body["not_determined"]["bias"] = products["bias"].attrs["not_determined"]
+    return body | {"verdict": {"text": verdict(body)}}
 
 
 def _swing(scaled, moved):

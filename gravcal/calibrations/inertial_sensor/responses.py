@@ -166,13 +166,13 @@ def _place_without(view, model):
     """
     place = view.start[3:6]
     columns = np.concatenate([np.nan_to_num(view.tensor), on_axes(view.record.trend)], axis=2)
-    seen = np.repeat([True, False, True], view.time.size)  # the factor of a_y is not known
+    along_xz = np.repeat([True, False, True], view.time.size)  # the factor of a_y is not known
     for _ in range(FIXED_POINT):
         about = view.context(place=place)
         added = np.zeros_like(about.linear_b) + sum(_added(view, entry, "linear", about) for entry in model)
         left = view.k * np.nan_to_num(view.record.linear_volt) - view.binned(added)
         both = np.where(view.good[view.inside, None, None], np.concatenate([left[:, :, None], columns], axis=2), 0.0)
-        rows = view.linear_rows(both)[seen]
+        rows = view.linear_rows(both)[along_xz]
         place = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0][:3]
     return place
 

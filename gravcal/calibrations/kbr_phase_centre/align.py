@@ -63,9 +63,9 @@ def _joined(observed):
     for files in (observed[k::PER_DAY] for k in range(PER_DAY)):
         products = {one.attrs.get("product") for one in files}
         if len(products) > 1:
-            found = f"{' and '.join(sorted(map(str, products)))} on different days"
+            mixture = f"{' and '.join(sorted(map(str, products)))} on different days"
             remedy = "Put the same product there for every day, or give --date."
-            refuse(files[0].attrs.get("file", ""), found, "one product", remedy, EstimationError)
+            refuse(files[0].attrs.get("file", ""), mixture, "one product", remedy, EstimationError)
         names = sorted(set.intersection(*(set(one.data_vars) for one in files)))
         dim = files[0]["time_second"].dims[0]
         joined.append(xr.concat([one[names] for one in files], dim=dim, combine_attrs="override"))
@@ -85,16 +85,16 @@ def _common_grid(times, observed):
     names = [one.attrs.get("file", one.attrs.get("product", "")) for one in observed]
     for time, name in zip(times, names, strict=True):
         if time.size < 2:
-            found, remedy = f"{time.size} usable records", "Check flags and time of this file."
-            refuse(name, found, "a day's", remedy, EstimationError, file=name, records=int(time.size))
+            records, remedy = f"{time.size} usable records", "Check flags and time of this file."
+            refuse(name, records, "a day's", remedy, EstimationError, file=name, records=int(time.size))
     margin = [0.0] * 4 + [60.0]  # s
     first = np.ceil(max(time[0] - extra for time, extra in zip(times, margin, strict=True)))
     last = np.floor(min(time[-1] + extra for time, extra in zip(times, margin, strict=True)))
     if last - first < 600:
         spans = ", ".join(f"{name} {time[0]:.0f} to {time[-1]:.0f}" for time, name in zip(times, names, strict=True))
-        found, shared = f"{max(last - first, 0):.0f} s in common ({spans} s GPS)", float(last - first)
+        overlap, shared = f"{max(last - first, 0):.0f} s in common ({spans} s GPS)", float(last - first)
         remedy = "Give files of one pair and one day."
-        refuse("orbits, attitudes and ranging", found, "at least 600 s", remedy, EstimationError, shared=shared)
+        refuse("orbits, attitudes and ranging", overlap, "at least 600 s", remedy, EstimationError, shared=shared)
     return np.arange(first, last + 1)
 
 

@@ -33,17 +33,17 @@ def of_inputs(
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
     radius = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS
     apart = pointed["range_com"].values
-    found = []  # positions against velocities of every file, and the products of a satellite against each other
+    tests = []  # positions against velocities of every file, and the products of a satellite against each other
     for letter in sorted({one.attrs["satellite"] for one in orbits}):
         own = [one for one in orbits if one.attrs["satellite"] == letter]
         rate = max(checks.velocity_error(t, s[:, :3], s[:, 3:]) for t, s in (usable(one, STATE) for one in own))
-        found.append(at_most(f"orbit {letter}, position against velocity", rate, limits["velocity_limit_m_s"], "m s-1"))
+        tests.append(at_most(f"orbit {letter}, position against velocity", rate, limits["velocity_limit_m_s"], "m s-1"))
         names = list(dict.fromkeys(one.attrs["product"] for one in own))
         if len(names) > 1:
             states = [[align.states(one) for one in own if one.attrs["product"] == name] for name in names]
             difference, name = orbit_difference(*states), f"orbit {letter}, {' against '.join(names)}"
-            found.append(at_most(name, difference, limits["orbit_difference_limit_m"], "m"))
-    found += [
+            tests.append(at_most(name, difference, limits["orbit_difference_limit_m"], "m"))
+    tests += [
         at_least("separation, smallest", 1e-3 * np.nanmin(apart), limits["separation_minimum_km"], "km"),
         at_most("separation, largest", 1e-3 * np.nanmax(apart), limits["separation_maximum_km"], "km"),
         at_least("height, smallest", 1e-3 * np.nanmin(radius), limits["height_minimum_km"], "km"),
@@ -51,15 +51,15 @@ def of_inputs(
     ]
     tags = [f"{one} {letter}" for one in ("star camera", "orbit") for letter in pointed.attrs["satellites"]]
     late = zip(["ranging", *tags], np.abs(late_of_pair(aligned, pointed)), strict=True)
-    found += [at_most(f"tags of {name}, late", size, limits["late_limit_s"], "s") for name, size in late]
-    found += _of_pointing(aligned, pointed, limits) + _of_ranging(ranges, rates, nominal, limits)
-    given = aligned["antenna_correction"].values
-    if np.nanmax(np.abs(given), initial=0.0) > 0.1:
+    tests += [at_most(f"tags of {name}, late", size, limits["late_limit_s"], "s") for name, size in late]
+    tests += _of_pointing(aligned, pointed, limits) + _of_ranging(ranges, rates, nominal, limits)
+    correction = aligned["antenna_correction"].values
+    if np.nanmax(np.abs(correction), initial=0.0) > 0.1:
         epoch = np.clip(np.rint(aligned["time_kbr"].values - pointed["time"].values[0]), 0, pointed.sizes["time"] - 1)
         own = model.antenna_correction(pointed["line_of_sight_b"].values[:, epoch.astype(int)], nominal)
-        left = float(np.nanmedian(np.abs(given - own)))
-        found.append(at_most("antenna correction of the file", 1e3 * left, limits["correction_limit_mm"], "mm"))
-    return checks.product(found)
+        left = float(np.nanmedian(np.abs(correction - own)))
+        tests.append(at_most("antenna correction of the file", 1e3 * left, limits["correction_limit_mm"], "mm"))
+    return checks.product(tests)
 
 
 def orbit_difference(first, second) -> float:
@@ -76,7 +76,7 @@ def _of_pointing(aligned, pointed, limits):
     """Both satellites look at each other with z down, and turn as fast as a satellite can."""
     time, angle = pointed["time"].values, pointed["angle"].values
     routine = ~in_windows(time, np.stack([pointed["start"].values, pointed["stop"].values], axis=1), NEAR)
-    found = []
+    tests = []
     for k, letter in enumerate(pointed.attrs["satellites"]):
         line = pointed["line_of_sight_b"].values[k]
         own = np.column_stack([angle[k], roll(aligned["position_i"].values[k], aligned["quaternion"].values[k], line)])
@@ -89,8 +89,8 @@ def _of_pointing(aligned, pointed, limits):
             ("pointing rate", step, "pointing_rate_limit_deg_s", "deg s-1"),
         ):
             largest = np.degrees(np.nanmax(np.abs(values), initial=0.0))
-            found.append(at_most(f"{name} {letter}", largest, limits[limit], unit))
-    return found
+            tests.append(at_most(f"{name} {letter}", largest, limits[limit], unit))
+    return tests
 
 
 def roll(position_i: np.ndarray, quaternion: np.ndarray, line_of_sight_b: np.ndarray) -> np.ndarray:
@@ -140,20 +140,20 @@ def of_result(
     centre, covariance = combined["centre"].values[:, 0], combined["covariance"].values[:, 0]
     sigma = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
     name = f"noise over noise assumed, {OBSERVABLES[row]}"  # of what is delivered; the others only have to agree
-    found = [at_most(name, combined["sigma0"].values[row, 0, 0], limits["sigma0_limit"], "1")]
-    found += [
+    tests = [at_most(name, combined["sigma0"].values[row, 0, 0], limits["sigma0_limit"], "1")]
+    tests += [
         at_least(f"probability that wiggles agree, {name}", p, limits["agreement_limit"], "1")
         for name, p in probabilities.items()
         if p is not None
     ]
     apart = (np.abs(centre - centre[row, column]) / np.maximum(sigma, sigma[row, column]))[..., known]
-    found.append(at_most("observables apart", apart[:, column].max(), limits["observables_limit"], "sigma"))
-    found.append(at_most("robust apart from ls", apart[row].max(), limits["robust_limit"], "sigma"))
+    tests.append(at_most("observables apart", apart[:, column].max(), limits["observables_limit"], "sigma"))
+    tests.append(at_most("robust apart from ls", apart[row].max(), limits["robust_limit"], "sigma"))
     away = 1e3 * np.abs(centre[row, column] - np.asarray(nominal_m, dtype=float).ravel())
     for k, letter in enumerate(combined.attrs["satellites"]):
         for axes, place, limit in (("x", [0], "plausible_x_mm"), ("y and z", [1, 2], "plausible_yz_mm")):
             own = [3 * k + i for i in place if known[3 * k + i]]
             if own:
                 value = away[own].max()
-                found.append(at_most(f"{axes} of {letter} against the catalogue", value, limits[limit], "mm"))
-    return found
+                tests.append(at_most(f"{axes} of {letter} against the catalogue", value, limits[limit], "mm"))
+    return tests

@@ -62,8 +62,8 @@ def estimate(
     >>> turned = np.stack([np.cos(pitch), 0 * pitch, -np.sin(pitch)], axis=1)
     >>> line = np.stack([turned, np.tile([1.0, 0.0, 0.0], (756, 1))], axis=1)
     >>> rho = -turned @ [1.444, 0.0, 0.0003] - 1.445 + 1e-6 * rng.standard_normal(756)
-    >>> found = kbr_phase_centre.estimate(line, rho, time, noise)
-    >>> bool(abs(found.value[2] - 0.0003) < 4 * found.sigma[2]), bool(np.isnan(found.value[3]))
+    >>> centre = kbr_phase_centre.estimate(line, rho, time, noise)
+    >>> bool(abs(centre.value[2] - 0.0003) < 4 * centre.sigma[2]), bool(np.isnan(centre.value[3]))
     (True, True)
     """
     time, line = np.asarray(time, dtype=float), np.asarray(line_of_sight_b, dtype=float)
@@ -131,9 +131,9 @@ def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: i
     indices = of_manoeuvres(equations)
     largest = max((index.size for index in indices), default=0)
     if largest > LONGEST:
-        found, remedy = f"{largest} observations in one stretch", "Check that orbits and attitudes are those of them."
+        stretch, remedy = f"{largest} observations in one stretch", "Check that orbits and attitudes are those of them."
         expected = f"at most {LONGEST}: the pointing is off its mean for hours"
-        refuse("both satellites", found, expected, remedy, EstimationError)
+        refuse("both satellites", stretch, expected, remedy, EstimationError)
     step = float(measured.attrs["step_s"])
     time, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
     longest = max((float(time[index[-1]] - time[index[0]]) for index in indices if index.size), default=0.0)
@@ -211,8 +211,8 @@ def _subset(name, parts, sign, nominal, constants, band):
     sharp = robust.solve(observed, design, constants, unknowns)
     shape = band_variance(chosen, residual, *band) / variance if band else 1.0
     place = np.flatnonzero(free[:6])
-    found = (value, normal / (variance * shape), 1.0), (sharp.value, sharp.information / shape, sharp.formal_factor)
-    for k, (estimate, information, formal) in enumerate(found):
+    solutions = (value, normal / (variance * shape), 1.0), (sharp.value, sharp.information / shape, sharp.formal_factor)
+    for k, (estimate, information, formal) in enumerate(solutions):
         covariance = least_squares.covariance(information)[: place.size, : place.size]
         result["centre"][k] = start[:6]
         result["centre"][k, place] += estimate[: place.size]

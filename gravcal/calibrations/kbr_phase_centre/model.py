@@ -59,13 +59,13 @@ def pointing(
     angle = angles(line)
     limits = (np.radians(offset_limit_deg), np.radians(amplitude_limit_deg))
     if given:
-        found = [measured(time, angle, *one, period_s) for one in given]
+        manoeuvres = [measured(time, angle, *one, period_s) for one in given]
     else:
         each = (wiggles(time, angle[k, :, axis], k, axis, period_s, *limits) for k in (0, 1) for axis in (0, 1))
-        found = list(itertools.chain.from_iterable(each))
-    found.sort(key=lambda one: one.start)
+        manoeuvres = list(itertools.chain.from_iterable(each))
+    manoeuvres.sort(key=lambda one: one.start)
     names = [field.name for field in fields(Wiggle)]
-    values = dict(zip(names, np.array([astuple(one) for one in found]).reshape(-1, len(names)).T, strict=True))
+    values = dict(zip(names, np.array([astuple(one) for one in manoeuvres]).reshape(-1, len(names)).T, strict=True))
     values |= {
         "time": time,
         "range_com": np.linalg.norm(position[1] - position[0], axis=1),
@@ -153,7 +153,7 @@ def wiggles(time, angle, satellite, axis, period, offset_limit, amplitude_limit)
     phase = np.exp(-2j * np.pi * (time - time[0]) / period)
     mean = _running_mean(filled, count)
     amplitude = 2 * np.abs(_running_mean((filled - np.median(filled)) * phase, count))
-    found = []
+    manoeuvres = []
     for begin, end in zip(*runs(amplitude > amplitude_limit), strict=True):
         if end - begin <= 2 * count:
             continue
@@ -172,8 +172,8 @@ def wiggles(time, angle, satellite, axis, period, offset_limit, amplitude_limit)
             early, late = np.flatnonzero(outside[:middle]), np.flatnonzero(outside[middle:])
             start = time[early[-1] + 1] if early.size else time[0]
             stop = time[middle + late[0] - 1] if late.size else time[-1]
-        found.append(Wiggle(satellite, axis, sign, start, stop, offset, size))
-    return found
+        manoeuvres.append(Wiggle(satellite, axis, sign, start, stop, offset, size))
+    return manoeuvres
 
 
 def middle(pointed: xr.Dataset) -> float:

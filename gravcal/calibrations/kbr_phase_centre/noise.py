@@ -138,11 +138,11 @@ def shapes(step_s: float, smoothed_hz: float = np.inf) -> np.ndarray:
 
     That of white noise is what is left of it in lines of sight that are smoothed at a frequency.
     """
-    found = passed(step_s) / (1 + (images(step_s) / CORNERS[:, None, None]) ** 2)
+    densities = passed(step_s) / (1 + (images(step_s) / CORNERS[:, None, None]) ** 2)
     # gain of `smoothed`, about 1 / (1 + (f / fc)^8), 0.9 at the frequency it keeps
     sine = np.sin(np.pi * np.minimum(images(step_s), 0.5)) / np.sin(np.pi * min(smoothed_hz, 0.5))
-    found[-1] *= (1 + sine**8 / 9) ** -2
-    return found
+    densities[-1] *= (1 + sine**8 / 9) ** -2
+    return densities
 
 
 def smoothed(values: np.ndarray, smoothed_hz: float) -> np.ndarray:
@@ -358,8 +358,8 @@ def with_restricted(
         score, information = np.zeros(value.size), np.zeros((value.size, value.size))
         parts = near * spectrum(measured).density(frequency)
         lags_ = [lags_of_densities(one, np.zeros(2), step, 0, longest).ranging for one in parts]
-        found = zip(factors(measured, stretches), stretches, kernels, residuals, strict=True)
-        for L, one, kinds, (observed, baseline, tried) in found:
+        by_stretch = zip(factors(measured, stretches), stretches, kernels, residuals, strict=True)
+        for L, one, kinds, (observed, baseline, tried) in by_stretch:
             basis = _basis_beside(white(L, baseline), white(L, tried))
             beside = np.linalg.qr(basis, mode="complete")[0][:, basis.shape[1] :]
             back = solve_triangular(L, beside, lower=True, trans="T", check_finite=False)

@@ -57,10 +57,10 @@ def _late_orbit(aligned, orbit):
     now = np.arange(aligned.sizes["time"])
     there = (now + orbit["late"] >= 0) & (now + orbit["late"] < now.size)
     position[number] = np.where(there[:, None], moved_orbits(aligned)(number, now, orbit["late"]), np.nan)
-    moved, given = aligned["position_i"].copy(data=position), (orbit[name] for name in ("time", "left", "change"))
+    moved, series = aligned["position_i"].copy(data=position), (orbit[name] for name in ("time", "left", "change"))
     delay, form = records.Parameter(float(orbit["late"]), WHOLE_S, "s"), tuple(SATELLITES)[1 + number]
     about = delay, "range rate", Ranging.name, form, PARAMETERS, Ranging.unit
-    return of_late_orbit(aligned.assign(position_i=moved), *given, *about)
+    return of_late_orbit(aligned.assign(position_i=moved), *series, *about)
 
 
 @dataclass(frozen=True)

@@ -29,12 +29,12 @@ def report(*products, event, settings, published, nominal_m):
     """
     named = dict(zip(("combine", "pointing", "noise", "checks"), products[:4], strict=True))
     named |= {f"solve.{one.attrs['observable']}": one for one in products[4:]}
-    found = result(named, settings)
+    body = result(named, settings)
     checks = of_product(named["checks"])
-    if found["status"] in documents.WITH_RESULT:
-        tests = {name: one["p"] for name, one in found["consistency"]["manoeuvres"].items()}
+    if body["status"] in documents.WITH_RESULT:
+        tests = {name: one["p"] for name, one in body["consistency"]["manoeuvres"].items()}
         checks += of_result(named["combine"], tests, nominal_m, settings)
-    document = documents.delivered("kbr_phase_centre", found, named, checks, event=event, settings=settings)
+    document = documents.delivered("kbr_phase_centre", body, named, checks, event=event, settings=settings)
     files = {"result.json": documents.text(document)}
     files |= vector_files(document, gps_text(document["record"]["start"])[:10])
     files["report.html"] = pages.page(
@@ -142,8 +142,8 @@ def _block(combined, index, satellite):
     part = slice(3 * satellite, 3 * satellite + 3)
     known, centre, formal = (combined[name].values for name in ("determined", "centre", "formal_sigma"))
     known, covariance = known[index[:2]][part] != 0, combined["covariance"].values[index][part, part]
-    found = plain.offset_block(centre[index][part], covariance, known, "phase_centre", "mm")
-    return found | {"formal_sigma_mm": numbers(np.where(known, 1e3 * formal[index][part], np.nan))}
+    block = plain.offset_block(centre[index][part], covariance, known, "phase_centre", "mm")
+    return block | {"formal_sigma_mm": numbers(np.where(known, 1e3 * formal[index][part], np.nan))}
 
 
 def _verdict(adopted, source, test, settings):

@@ -104,8 +104,8 @@ class Halves:
         """Delays s of tags that are minutes off, by cause and form."""
         ranging, *both = self.late
         cameras = {"": both[0]} if both[0] == both[1] else {"a alone": both[0], "b alone": both[1]}
-        found = {("ranging.delay", ""): ranging} | {("timing.star_camera_delay", of): s for of, s in cameras.items()}
-        return {which: size for which, size in found.items() if size}
+        delays = {("ranging.delay", ""): ranging} | {("timing.star_camera_delay", of): s for of, s in cameras.items()}
+        return {which: size for which, size in delays.items() if size}
 
     @functools.cached_property
     def filtered(self) -> np.ndarray:

@@ -264,9 +264,9 @@ def _letter(platform):
 class Malformed(Exception):
     """A token that is not of its column's kind: row (from 0), column, token and what was expected."""
 
-    def __init__(self, row, column, found, expected):
-        super().__init__(f"row {row}, column {column.name}: {found!r} is not {expected}")
-        self.row, self.column, self.found, self.expected = row, column, found, expected
+    def __init__(self, row, column, token, expected):
+        super().__init__(f"row {row}, column {column.name}: {token!r} is not {expected}")
+        self.row, self.column, self.found, self.expected = row, column, token, expected
 
 
 def decode(series, column: Column) -> np.ndarray:
@@ -409,8 +409,8 @@ def _native(values, column):
 
 
 def _refuse_cut(where, whole, rest, size):
-    found = f"{rest} bytes after record {whole}"
-    refuse(f"{where}, record {whole + 1}", found, f"{size} bytes", TRUNCATED, record=whole + 1, bytes=rest)
+    remainder = f"{rest} bytes after record {whole}"
+    refuse(f"{where}, record {whole + 1}", remainder, f"{size} bytes", TRUNCATED, record=whole + 1, bytes=rest)
 
 
 def parse_text(data: bytes, start: int, header_lines: int, table: Product, where) -> dict[str, np.ndarray]:
@@ -543,11 +543,11 @@ def _text_columns(text, table):
     """Leading columns, then the rest of the record as it stands."""
     leading = len(table.columns) - 1
     pattern = r"^\s*" + r"\s+".join([r"(\S+)"] * leading) + r"(?:\s(.*?))?\r?$"
-    found = text.str.extract_groups(pattern).struct.unnest()
-    missing = found[:, 0].is_null().arg_true()
+    columns = text.str.extract_groups(pattern).struct.unnest()
+    missing = columns[:, 0].is_null().arg_true()
     if len(missing):
         raise Malformed(int(missing[0]), table.columns[0], text[int(missing[0])], f"{leading} columns and a text")
-    return found.fill_null("").get_columns()
+    return columns.fill_null("").get_columns()
 
 
 def _groups(text, table):
@@ -633,15 +633,15 @@ def _check_columns(header, table: Product, where):
     """The columns a YAML header lists have to be those of the table, in its order; optional ones may be left out."""
     if not header.names:
         return
-    found = [n for n in map(_plain, header.names) if n not in map(_plain, table.header_only)]
+    names = [n for n in map(_plain, header.names) if n not in map(_plain, table.header_only)]
     for known in (table, reordered(table, table.swapped_in_header)):
         fixed = [_plain(c.file_name) for c in known.columns]
         expected = fixed + [_plain(c.file_name) for c in (*known.optional, *known.repeated)]
-        if [n for n in expected if n in found] == found and set(fixed) <= set(found):
+        if [n for n in expected if n in names] == names and set(fixed) <= set(names):
             return
-    differing = sorted((set(found) - set(expected)) | (set(fixed) - set(found))) or "the same ones in another order"
-    found = f"columns in the header that differ from the table of {table.name}: {differing}"
-    refuse(where, found, "the columns of RL04", "Another product or release: give the right product, or add its table.")
+    differing = sorted((set(names) - set(expected)) | (set(fixed) - set(names))) or "the same ones in another order"
+    clash = f"columns in the header that differ from the table of {table.name}: {differing}"
+    refuse(where, clash, "the columns of RL04", "Another product or release: give the right product, or add its table.")
 
 
 def _plain(name):
@@ -656,8 +656,8 @@ def _tags(arrays, table, where):
         tick = TICKS[column.units]
         beyond = np.count_nonzero((values < 0) | (values >= TICKS["s"] // tick))
         if beyond > len(values) / 2:
-            found = f"{column.name} up to {values.max()} {column.unit}"
-            refuse(where, found, "less than one second", "The unit differs from the table's: correct the table.")
+            largest = f"{column.name} up to {values.max()} {column.unit}"
+            refuse(where, largest, "less than one second", "The unit differs from the table's: correct the table.")
         ticks = ticks + values * tick
     return ticks // TICKS["s"], ticks
 
@@ -780,8 +780,8 @@ def _check_identity(file, header, table, arrays, expected):
         said["header"] = header.satellite
     letters = {k: v for k, v in said.items() if v}
     if len(set(letters.values())) > 1:
-        found = ", ".join(f"{v} by its {k}" for k, v in letters.items())
-        refuse(where, f"satellite {found}", "one satellite", "Take the file of the right satellite.", **letters)
+        claims = ", ".join(f"{v} by its {k}" for k, v in letters.items())
+        refuse(where, f"satellite {claims}", "one satellite", "Take the file of the right satellite.", **letters)
     if day and file.date and file.date != day:
         refuse(where, f"a file of {file.date}", day, "Take the file of the right day.", date=file.date)
     seconds, day = arrays[table.time[0]], day or file.date
@@ -793,8 +793,8 @@ def _check_identity(file, header, table, arrays, expected):
         start = int((np.datetime64(day) - noon_2000) / np.timedelta64(1, "s"))
         if not ((seconds >= start - margin) & (seconds < start + DAY_S + margin)).any():
             first = np.datetime_as_string(noon_2000 + np.timedelta64(int(seconds[0]), "s"))
-            found = f"no record of {day}, the first at {first} GPS"
-            refuse(where, found, f"records of {day}", "Take the right day's file.")
+            coverage = f"no record of {day}, the first at {first} GPS"
+            refuse(where, coverage, f"records of {day}", "Take the right day's file.")
     wrong = _other_time(arrays, table)
     if wrong is not None and 2 * np.count_nonzero(wrong) > wrong.size:  # fewer are flagged
         written = ", ".join(sorted({one.decode("latin-1") for one in np.unique(arrays["time_ref"][wrong])}))
@@ -803,8 +803,8 @@ def _check_identity(file, header, table, arrays, expected):
         refuse(where, f"time_ref {written}", expected, remedy)
     lengths = _off_length(arrays, table)
     if lengths is not None and np.count_nonzero(lengths) > NORM_SHARE * lengths.size:  # fewer are flagged
-        found = f"{np.count_nonzero(lengths)} of {lengths.size} quaternions whose norm is not one"
-        refuse(where, found, "unit quaternions", "The file is damaged: fetch it again, or write it with more digits.")
+        norms = f"{np.count_nonzero(lengths)} of {lengths.size} quaternions whose norm is not one"
+        refuse(where, norms, "unit quaternions", "The file is damaged: fetch it again, or write it with more digits.")
 
 
 def _off_length(arrays, table):
