@@ -10,7 +10,7 @@ from gravcal import catalog
 from gravcal.calibrations.kbr_phase_centre import noise as noises
 from gravcal.calibrations.kbr_phase_centre.estimate import of_manoeuvres
 from gravcal.calibrations.kbr_phase_centre.model import ESTIMATORS, OBSERVABLES, PARAMETERS
-from gravcal.estimation.least_squares import without
+from gravcal.estimation.least_squares import project_out
 from gravcal.simulation import kbr_phase_centre as simulation
 
 chain = of_tests("calibrations.kbr_campaign")
@@ -100,7 +100,7 @@ def scatter(equations, assumed, true, slow):
         factor = cholesky(matrix, lower=True)
         columns = np.column_stack([equations["column"].values[index], slow(time_[index], segment[index])])
         white = solve_triangular(factor, columns, lower=True)
-        clean = without(white[:, 6:], white[:, :6])
+        clean = project_out(white[:, 6:], white[:, :6])
         weights = solve_triangular(factor, clean, lower=True, trans=1)
         noise = noises.covariance_matrix(true, place, lever[index])
         normal += clean.T @ clean

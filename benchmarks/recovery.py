@@ -10,7 +10,7 @@ from scipy.linalg import cholesky, solve_triangular, toeplitz
 
 from benchmarks.tables import Figure, bias_figure, of_tests, rms_figure, say, scatter_figure, show, study
 from gravcal import catalog
-from gravcal.estimation.least_squares import without
+from gravcal.estimation.least_squares import project_out
 from gravcal.physics import sensing
 from gravcal.simulation import sensors
 
@@ -83,7 +83,7 @@ def bound(truth: dict, motion: list, drift_degree: int) -> np.ndarray:
         for axis in range(3):
             columns = np.concatenate([drift, design[:, axis]], axis=1)
             white = solve_triangular(factors[axis][:count, :count], columns, lower=True, check_finite=False)
-            clean = without(white[:, : drift_degree + 1], white[:, drift_degree + 1 :])
+            clean = project_out(white[:, : drift_degree + 1], white[:, drift_degree + 1 :])
             information += clean.T @ clean
     return np.sqrt(np.diag(np.linalg.inv(information)))
 

@@ -565,7 +565,7 @@ def signal_to_noise(plain: list, changed: list) -> float:
 
     NaN where blocks without and with it do not have the same rows.
     """
-    from gravcal.estimation.least_squares import stable_inverse, without
+    from gravcal.estimation.least_squares import project_out, stable_inverse
 
     sizes = [(block.label, block.observed.shape) for block in plain]
     if sizes != [(block.label, block.observed.shape) for block in changed]:
@@ -573,8 +573,8 @@ def signal_to_noise(plain: list, changed: list) -> float:
     square, right, normal = 0.0, 0.0, 0.0
     for before, after in zip(plain, changed, strict=True):
         local = before.local_columns
-        added = without(local, (after.observed - before.observed)[:, None])
-        shared = without(local, before.global_columns)
+        added = project_out(local, (after.observed - before.observed)[:, None])
+        shared = project_out(local, before.global_columns)
         square, right = square + float(np.sum(added**2)), right + shared.T @ added[:, 0]
         normal = normal + shared.T @ shared
     return float(np.sqrt(max(square - right @ stable_inverse(normal) @ right, 0.0)))

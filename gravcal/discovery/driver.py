@@ -75,7 +75,7 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
     gains = [(one.cause, one.heldout_gain.in_sample_chi2) for one in before.findings] if before else []
     if observed is None or not observed.worth_another(gains, before is None or before.adequate_after):
         return first
-    result, second_outcome = _searched(observed, limits, model, before.calibration_change.before)
+    result, second_outcome = _searched(observed, limits, model, before)
     if not second_outcome.adequate_after and second_outcome.p_after < before.p_after:
         return first.assign_attrs(believed="first")
     known = {"p_before": before.p_before, "p_quiet_before": before.p_quiet_before, "tried": before.tried}
@@ -115,26 +115,28 @@ def _choice(observed, limits):
     return Choice(*known, observed.quiet, observed.noise_order, observed.spectra, observed.periods)
 
 
-def _searched(observed, limits, model, before=None):
+def _searched(observed, limits, model, first=None):
     """Result of a search in the observations with the effects of a model added, and its outcome.
 
     A strong effect added in its linear form is not quite what the records hold: the calibration of the records as they
-    are, which stays where nothing is adopted, is given from the first search.
+    are, which stays where nothing is adopted, and what they tell apart, are those of the first search.
     """
     added, choice = [observed.response(entry) for entry in model], _choice(observed, limits)
     rows = [replace(b, observed=b.observed + sum(one[k] for one in added)) for k, b in enumerate(observed.blocks)]
     result, waves = rounds_and_lines(observed, rows, choice, limits.seed)
+    result = _told_apart(result, first) if first and first.adequate_after else result
     count, whole = observed.scale.size, result
-    if before is not None:
-        shared = np.append(np.array(before) / observed.scale - observed.start, result.shared[0][count:])
+    if first:
+        before = np.array(first.calibration_change.before)
+        shared = np.append(before / observed.scale - observed.start, result.shared[0][count:])
         whole = replace(result, shared=(shared, result.shared[1]))
     averaged = delivered(whole, choice, count)
     search_outcome, weighed = summary(averaged, choice, observed, waves), observed.weighed()
     odds = {row.cause: row.log_odds for row in weighed}
     findings = [*(_tied(one, odds) for one in search_outcome.findings[:1]), *search_outcome.findings[1:]]
     calibrated = observed.scale * (observed.start + _without_model(result, observed, findings))
-    if before is not None and not any(one.adopted for one in findings):
-        calibrated = np.array(before)  # of the records as they are
+    if first and not any(one.adopted for one in findings):
+        calibrated = before  # of the records as they are
     correction = (np.array(search_outcome.calibration_change.after) - calibrated).tolist()
     change = replace(search_outcome.calibration_change, epoch=observed.epoch, correction=correction)
     named = {one.cause for one in findings}
@@ -142,6 +144,17 @@ def _searched(observed, limits, model, before=None):
     hidden = [*search_outcome.indistinguishable_from_calibration, *hidden]
     made = {"findings": findings, "weighed": tuple(weighed), "indistinguishable_from_calibration": hidden}
     return result, replace(search_outcome, calibration_change=change, **made)
+
+
+def _told_apart(result, first):
+    """Result whose findings are tied with no more than in a first search that named the same."""
+    findings, ties = [], {one.cause: {*one.tied_with} for one in first.findings}
+    for one in result.findings:
+        near = ties.get(slug_of(one.cause), {*map(slug_of, one.tied), *(slug_of(row.cause) for row in one.imitators)})
+        rows = [[row for row in rows if slug_of(row.cause) in near] for rows in (one.imitators, one.separation)]
+        tied = [cause for cause in one.tied if slug_of(cause) in near]
+        findings.append(replace(one, tied=tied, imitators=rows[0], separation=rows[1]))
+    return replace(result, findings=findings)
 
 
 def _tied(finding, odds):

@@ -368,8 +368,7 @@ class Search:
         made, prior, _ = self.products(laws)
         total = made.sum(axis=0)
         many = [law.weights.shape[1] * self.places[law.cause].size for law in laws]
-        held = np.repeat(scales, many) * prior[1:]
-        inner = total[1:, 1:] + np.diag(1 / held**2)
+        inner = total[1:, 1:] + np.diag(1 / (np.repeat(scales, many) * prior[1:]) ** 2)
         unit = np.outer(*[np.sqrt(np.diag(inner))] * 2)  # of parameters of any units
         covariance = np.linalg.inv(inner / unit) / unit
         value, ends = covariance @ total[1:, 0], np.cumsum([0, *many])
@@ -480,8 +479,7 @@ class Search:
         centre, turns, inner = [], [], []
         for k, gram in enumerate(self.local(named)):
             inner.append(inverse_of(gram[np.ix_(own, own)]))
-            columns = count + index[1:]
-            turns.append(inner[-1] @ (gram[np.ix_(own, columns)] * weight[k, 1:]))
+            turns.append(inner[-1] @ (gram[np.ix_(own, count + index[1:])] * weight[k, 1:]))
             centre.append(self.events[k].start + inner[-1] @ gram[own, 0] - turns[-1] @ value)
         turns = np.stack(turns)
         spread = np.einsum("ipr,rs,jqs->ipjq", turns, covariance, turns)

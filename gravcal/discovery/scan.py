@@ -72,7 +72,7 @@ def _grouped(columns, count):
 
 
 def frequencies(blocks: list[Block], channel: str) -> np.ndarray:
-    """Frequencies (f,) Hz that a channel can tell apart, up to where its low-pass leaves something."""
+    """Frequencies (f,) Hz that a channel can tell apart, from three cycles in the longest block to as near Nyquist."""
     spans, spacing = [], []
     for block in blocks:
         time = block.time[(block.channel == channel) & (block.axis == 0)]
@@ -83,7 +83,7 @@ def frequencies(blocks: list[Block], channel: str) -> np.ndarray:
         return np.zeros(0)
     spacing = max(spacing)
     step = 1 / (2 * spacing * max(np.rint(max(spans) / spacing), 1))  # a transform of even records has just these
-    return step * np.arange(6, 0.45 / (step * spacing))
+    return step * np.arange(6, np.rint(0.5 / (step * spacing)) - 5)
 
 
 def offered(spectrum: Scan, periods: Mapping[float, int]) -> np.ndarray:

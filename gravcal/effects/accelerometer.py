@@ -4,7 +4,7 @@ import numpy as np
 from numba import njit
 
 from gravcal.effects import base
-from gravcal.effects.base import Context, Laws, Parameter, axes, each, pairs
+from gravcal.effects.base import REVERSED, Context, Laws, Parameter, axes, each, pairs
 from gravcal.physics.sensing import offset_tensor
 
 EFFECTS = Laws()
@@ -31,7 +31,7 @@ def _moving(context: Context, values):
     return -(elapsed * (tensor @ np.asarray(values)) + 2 * np.cross(context.rate_b, values))
 
 
-_SCALE = axes("", "1", "relative excess of the scale of", 0.02, lower=-1.0)
+_SCALE = axes("", "1", "relative excess of the scale of", 0.02, lower=REVERSED)
 law("accelerometer.scale", "linear_b", _SCALE, "reading")(base.scaled("linear_b"))
 _ANGLE = axes("angle", "rad", "sensor frame turned about", 1e-3)
 law("accelerometer.misalignment", "linear_b", _ANGLE, "reading")(base.misaligned("linear_b"))
@@ -59,7 +59,7 @@ law("accelerometer.stray_tone", "linear_b", _TONE, "disturbance of the platform"
         np.sin(2 * np.pi * values[0] * (context.time - context.epoch) + values[4])[:, None] * np.asarray(values[1:4])
     )
 )
-_SCALE = axes("", "1", "relative excess of the angular scale about", 0.05, lower=-1.0)
+_SCALE = axes("", "1", "relative excess of the angular scale about", 0.05, lower=REVERSED)
 law("accelerometer.angular_scale", "angular_b", _SCALE, "CoM paper eq. 31")(base.scaled("angular_b"))
 _ANGLE = axes("angle", "rad", "angular sensor turned about", 2e-3)
 law("accelerometer.angular_misalignment", "angular_b", _ANGLE, "reading")(base.misaligned("angular_b"))

@@ -29,6 +29,7 @@ CHANNELS = {
 
 #: Values of parameters that bend a law, where it is found: s, 1, rad, A m2, rad.
 USUAL = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0, "period": 0.021}
+REVERSED = -3.0  # excess of a scale, from which on it has a meaning: with its sign reversed, twice as strong
 
 
 @dataclass(frozen=True)

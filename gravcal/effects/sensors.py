@@ -5,7 +5,7 @@ A delay is that of a payload against the torquer telemetry.
 
 import numpy as np
 
-from gravcal.effects.base import Laws, Parameter, axes, constant, coupled, misaligned, pairs, scaled, warming
+from gravcal.effects.base import REVERSED, Laws, Parameter, axes, constant, coupled, misaligned, pairs, scaled, warming
 
 TIMING, EFFECTS = Laws(), Laws()
 _REFERENCE = "CoM paper, erratum C-10: a lag of tau scales a 12 s signal by cos(2 pi tau / 12 s)"
@@ -36,7 +36,7 @@ law("attitude.star_camera_heads", "heads_b", (_SHARE,), "mounting of the heads a
     lambda context, values: values[0] * context.extra["heads_b"]
 )
 law("magnetometer.bias", "field_b", axes("", "T", "bias of", 5e-7), "CoM paper section 4.1")(constant)
-_SCALE = axes("", "1", "relative excess of the scale of", 0.01, lower=-1.0)
+_SCALE = axes("", "1", "relative excess of the scale of", 0.01, lower=REVERSED)
 law("magnetometer.scale", "field_b", _SCALE, "reading")(scaled("field_b"))
 _ANGLE = axes("angle", "rad", "magnetometer turned about", 5e-3)
 law("magnetometer.misalignment", "field_b", _ANGLE, "mounting")(misaligned("field_b"))

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from gravcal.effects.base import Context, Laws, Parameter, axes, constant, each, scaled, symmetric
+from gravcal.effects.base import REVERSED, Context, Laws, Parameter, axes, constant, each, scaled, symmetric
 from gravcal.effects.drivers import lagged
 from gravcal.physics.dynamics import gravity_gradient_torque
 
@@ -12,7 +12,7 @@ _DIPOLE = "t = m x B, CoM paper eq. 18"
 _EULER = "Euler's equation, CoM paper eq. 17"
 _RODS = "CoM paper section 2.1: rods aligned to 0.06 deg"
 
-_GAIN = axes("rod", "1", "relative excess of the dipole of rod", 0.05, lower=-1.0)
+_GAIN = axes("rod", "1", "relative excess of the dipole of rod", 0.05, lower=REVERSED)
 law("torque.dipole_gain", "dipole_b", _GAIN, _DIPOLE)(scaled("dipole_b"))
 # Rods turned together by the small rotation v: dm = v x m.
 law("torque.dipole_misalignment", "dipole_b", axes("angle", "rad", "rods turned about", 2e-3), _RODS)(

@@ -97,7 +97,7 @@ def estimate(
     for axis in range(series):
         valid = np.isfinite(observed[:, axis]) & np.isfinite(columns[:, axis]).all(axis=1)
         white = whiten(noise[axis], np.column_stack([observed[:, axis], columns[:, axis], nuisance]), valid)
-        clean = least_squares.without(white[:, 1 + len(names) :], white[:, : 1 + len(names)])
+        clean = least_squares.project_out(white[:, 1 + len(names) :], white[:, : 1 + len(names)])
         rounding = ROUNDING * np.linalg.norm(white[:, : 1 + len(names)], axis=0)
         clean[:, np.linalg.norm(clean, axis=0) < rounding] = 0.0  # a column that the nuisance columns hold
         rows.append(clean)

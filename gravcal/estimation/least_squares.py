@@ -31,7 +31,7 @@ class Score:
         return about + used @ stable_inverse(inner) @ used.T @ (self.right - self.normal @ about)
 
 
-def without(nuisance: np.ndarray, columns: np.ndarray) -> np.ndarray:
+def project_out(nuisance: np.ndarray, columns: np.ndarray) -> np.ndarray:
     """Columns (n,) or (n, m) with their part along the nuisance columns (n, k) removed."""
     basis = orthonormal(nuisance)
     return columns - basis @ (basis.T @ columns)
@@ -54,7 +54,7 @@ def score(
     observed: np.ndarray, design: np.ndarray, nuisance: np.ndarray, instruments: np.ndarray | None = None
 ) -> Score:
     """Estimating equation of whitened rows (n,), (n, p), nuisance (n, k); instruments (n, p) by default the design."""
-    clean = without(nuisance, design if instruments is None else instruments)
+    clean = project_out(nuisance, design if instruments is None else instruments)
     return Score(clean.T @ observed, clean.T @ design, clean.T @ clean)
 
 

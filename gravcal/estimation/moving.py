@@ -116,8 +116,7 @@ def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: S
     that it may follow, such as fuel: those that pay as a step has to.
     """
     known = [s for s in steps if time[0] < s]  # one before all events is not told from the constant
-    error = float(np.median(np.sqrt(np.diag(covariance))))
-    scale = max(float(np.ptp(value)), 3 * error)
+    scale = max(float(np.ptp(value)), 3 * float(np.median(np.sqrt(np.diag(covariance)))))
     one = _weighed(time, value, covariance, known, [], scale, {})
     for name, quantity in (follows or {}).items():
         if np.ptp(quantity) > 0:

@@ -13,7 +13,7 @@ from scipy.optimize import nnls
 from scipy.signal import lfilter
 from scipy.special import chdtrc
 
-from gravcal.estimation.least_squares import orthonormal, polynomial, without
+from gravcal.estimation.least_squares import orthonormal, polynomial, project_out
 
 
 @dataclass(frozen=True)
@@ -213,7 +213,7 @@ def fit_spectrum(pieces: Sequence[tuple], step_s: float, knot_hz: np.ndarray, be
     rows = zip(*(_waves(*group, step_s) for group in _alike(pieces)), strict=True)
     square, response, times = (np.concatenate(one) for one in rows)
     if not square.size:  # pieces that are short, or have more gaps than samples, tell a level alone
-        rest = np.concatenate([without(c[g], y[g]) for y, c, g in ((y, c, np.isfinite(y)) for y, c in pieces)])
+        rest = np.concatenate([project_out(c[g], y[g]) for y, c, g in ((y, c, np.isfinite(y)) for y, c in pieces)])
         free = max(rest.size - sum(c.shape[1] for _, c in pieces), 1)
         level = np.full(knots.size, np.log(max(2 * step_s * (rest @ rest) / free, 1e-300)))
         return Spectrum(knots, level, np.full((knots.size, knots.size), 2 / free))

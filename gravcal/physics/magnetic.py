@@ -89,8 +89,7 @@ def gauss_coefficients(generation):
     epochs = np.array(lines[1], float)
     g, h = np.zeros((2, epochs.size, DEGREE + 1, DEGREE + 1))
     for degree, order, *values in lines[2:]:
-        table = h if int(order) < 0 else g
-        table[:, int(degree), abs(int(order))] = np.array(values, float)
+        (h if int(order) < 0 else g)[:, int(degree), abs(int(order))] = np.array(values, float)
     return epochs, g, h
 
 

@@ -220,8 +220,7 @@ def nominal(state_a: np.ndarray, state_b: np.ndarray) -> tuple[np.ndarray, np.nd
     line = line / np.linalg.norm(line, axis=1, keepdims=True)
     rotations = []
     for x, state in ((line, state_a), (-line, state_b)):
-        down = -state[:, :3] / np.linalg.norm(state[:, :3], axis=1, keepdims=True)
-        y = np.cross(down, x)
+        y = np.cross(-state[:, :3] / np.linalg.norm(state[:, :3], axis=1, keepdims=True), x)  # down cross x
         y = y / np.linalg.norm(y, axis=1, keepdims=True)
         rotations.append(np.stack([x, y, np.cross(x, y)], axis=1))
     return tuple(rotations)

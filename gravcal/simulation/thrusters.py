@@ -23,11 +23,9 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     """Level-1 columns of a simulated day and its truth; arguments as of `gravcal.simulation`."""
     rng = np.random.default_rng(seed)
     within(effects, EFFECTS)
-    gain = 1 + chosen.gain_scatter * rng.standard_normal(3)
-    delay = chosen.delay_scatter_s * rng.standard_normal()
     values = {slug: effect(slug).values(effects.get(slug, {})) for slug in EFFECTS[:2]}
-    gain = gain + values["torque.thruster_firings"]
-    delay = delay + values["timing.thruster_delay"][0]
+    gain = 1 + chosen.gain_scatter * rng.standard_normal(3) + values["torque.thruster_firings"]
+    delay = chosen.delay_scatter_s * rng.standard_normal() + values["timing.thruster_delay"][0]
     path = flight.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)
     # firings: start (k,) s, thrusters in use (k, 12), time on (k,) ms; each undoes the last about its axis
     spacing = rng.exponential(chosen.firing_spacing_s, int(2 * chosen.duration_s / chosen.firing_spacing_s) + 10) + 2.0
@@ -77,10 +75,9 @@ def _flown(satellite, chosen, path, firings, gain, effects, day):
     context = Context(time=middle, dipole_b=np.zeros((middle.size, 3)))
     torque = torque + added(effects, "torque_b", context)
     dipole = np.zeros((middle.size, 3)) + added(effects, "dipole_b", context)
-    inertia = np.array(satellite["inertia"])
     whole = np.isin(bound[:-1], nodes)
     steps = flight.Steps(bound, whole, np.zeros(middle.size, dtype=bool), np.zeros((middle.size, 3)))
-    body = flight.Body(inertia, chosen.control_frequency_rad_s, 0.7, 0.0, 1.0)
+    body = flight.Body(np.array(satellite["inertia"]), chosen.control_frequency_rad_s, 0.7, 0.0, 1.0)
     ends = tuple(np.repeat(one[:, None], 2, axis=1) for one in (dipole, torque))
     states, _ = flight.fly(steps, around, body, np.concatenate([around.target[0], around.target_rate_b[0]]), ends)
     time = day + chosen.star_camera_step_s * np.arange(int(chosen.duration_s / chosen.star_camera_step_s))

@@ -25,7 +25,7 @@ def test_projecting_nuisance_out_equals_estimating_it_along():
     assert_allclose(least_squares.covariance(score.information), inverse[:3, :3], rtol=1e-10)
     more = np.concatenate([N, 1e9 * N[:, :1], np.zeros((60, 1)), 1e-9 * N[:, 1:2]], axis=1)  # dependent, zero, scaled
     assert_allclose(least_squares.score(y, A, more).value, score.value, rtol=1e-8)
-    assert_allclose(least_squares.without(np.zeros((60, 2)), y), y)
+    assert_allclose(least_squares.project_out(np.zeros((60, 2)), y), y)
 
 
 FREE, NONE = np.zeros((3, 3)), np.zeros((0, 3))  # no prior, no error beside the noise

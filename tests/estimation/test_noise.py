@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy import linalg, signal
 
 from gravcal.estimation import noise as lines
-from gravcal.estimation.least_squares import polynomial, without
+from gravcal.estimation.least_squares import polynomial, project_out
 from gravcal.estimation.noise import (
     NoiseModel,
     beside,
@@ -268,7 +268,7 @@ def test_what_a_fit_takes_is_put_back_and_what_may_be_there_is_no_noise():
     that takes nothing gives the plain model, whatever noise was simulated.
     """
     rng = np.random.default_rng(7)
-    cleaned = lambda segment, _: without(polynomial(np.arange(90.0), 3, 0, 89), segment)  # noqa: E731
+    cleaned = lambda segment, _: project_out(polynomial(np.arange(90.0), 3, 0, 89), segment)  # noqa: E731
     segments = [np.stack([draw(RED, 90, rng) for _ in range(3)], axis=1) for _ in range(60)]
     models = fit_detrended(segments, cleaned, 3, 1.0)
     slow = np.linspace(0.002, 0.02, 10)
@@ -309,7 +309,7 @@ def test_a_slow_line_and_jumps_between_two_levels_are_no_noise_and_red_noise_is_
     red = [draw(from_density(density, 2, 1.0), 400, rng)[:, None] for _ in range(2)]
     waves = [one + 3 * np.sin(2 * np.pi * (count - first) / 300) for one, first in zip(white, (100, 350), strict=True)]
     for made, loud, jumps in ((white, 0, 0), (red, 0, 0), (waves, 1, 0), (white + 2 * np.cumprod(flips, axis=1), 0, 1)):
-        pieces = [without(c, one) for c, one in zip(slow, made, strict=True)]
+        pieces = [project_out(c, one) for c, one in zip(slow, made, strict=True)]
         for left, expected in ((without_slow_lines(pieces, 3, 1.0), loud), (without_telegraph(pieces, slow), jumps)):
             assert (np.var(left) < 0.7 * np.var(pieces)) == expected
             assert not expected or np.var(left) == pytest.approx(1.0, abs=0.15)

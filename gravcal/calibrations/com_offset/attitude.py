@@ -11,7 +11,7 @@ from scipy.special import log_ndtr, ndtr
 
 from gravcal.calibrations.com_offset.align import SCHEMAS, SURVEY_S
 from gravcal.calibrations.schemas import build
-from gravcal.estimation.least_squares import covariance, polynomial, stable_inverse, without
+from gravcal.estimation.least_squares import covariance, polynomial, project_out, stable_inverse
 from gravcal.estimation.noise import NoiseModel, fit_noise, whiten, whitened
 from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames, gravity
@@ -567,7 +567,7 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
         """Whitened columns (n, 3, q) of each axis, drift removed."""
         both = [np.concatenate([columns[:, axis], drift], axis=1) for axis in range(3)]
         white = [whiten(noise[axis], both[axis], operator.valid) for axis in range(3)]
-        return [without(one[:, -drift.shape[1] :], one[:, : -drift.shape[1]]) for one in white]
+        return [project_out(one[:, -drift.shape[1] :], one[:, : -drift.shape[1]]) for one in white]
 
     shift, scale = coarse_shift(y, operator(wave(0.0)), operator, drift, noise), np.ones(3)
     for _ in range(8):
@@ -597,7 +597,7 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
         scale = np.where(turned, product[:, best] / np.where(turned, square[:, best], 1.0), 1.0)
     sigma = np.sqrt(np.clip(np.diag(inverse), 0.0, None))
     residual = np.full_like(y, np.nan)
-    residual[operator.valid] = without(drift[operator.valid], np.nan_to_num((y - model * scale)[operator.valid]))
+    residual[operator.valid] = project_out(drift[operator.valid], np.nan_to_num((y - model * scale)[operator.valid]))
     scale, scale_sigma = np.where(turned, scale, 1.0), np.where(turned, sigma[:3], np.inf)
     return WaveFit(shift, float(sigma[3]), scale, scale_sigma, residual, best > 0)
 
@@ -608,7 +608,7 @@ def coarse_shift(y, model, operator: Resampler, drift, noise: list[NoiseModel]) 
     weight = np.array([1 / n.variance[0] if n.variance[0] > 0 else 0.0 for n in noise])
     clean = np.zeros((2, *y.shape))
     for k, series in enumerate((y, model)):
-        clean[k][valid] = without(drift[valid], series[valid])
+        clean[k][valid] = project_out(drift[valid], series[valid])
     step = float(operator.time[1] - operator.time[0])
     count = int(3.0 / step)
     inner = weight * clean[0][count : len(y) - count]
@@ -671,8 +671,7 @@ def fit_star_camera_wave(window: Window, fit: Fit, noise: list[NoiseModel], degr
     unit[rod] = np.abs(arc.dipole_b[:, rod]).max(initial=0.0)
     torque = solution.scale_b * np.cross(unit, field_at(window, fit, time))
     line = np.linalg.lstsq(polynomial(time, 1, arc.origin, arc.stop), torque, rcond=None)[0]
-    modelled = np.linalg.solve(arc.inertia, line.T).T.ravel()
-    residual = fit.residual + design[:, :, -6:] @ modelled
+    residual = fit.residual + design[:, :, -6:] @ np.linalg.solve(arc.inertia, line.T).T.ravel()
     rows = whitened(noise, np.concatenate([residual[:, :, None], design], axis=2), window.good)
     inverse = stable_inverse(rows[:, 1:].T @ rows[:, 1:])
     unknown = inverse @ rows[:, 1:].T @ rows[:, 0]

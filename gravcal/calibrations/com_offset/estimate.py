@@ -156,7 +156,7 @@ def _whitened(block, noise):
     white = []
     for a in range(3):
         turned = whiten(noise[a], np.concatenate([columns[:, a], drift], axis=1), valid)
-        white.append(least_squares.without(turned[:, columns.shape[2] :], turned[:, : columns.shape[2]]))
+        white.append(least_squares.project_out(turned[:, columns.shape[2] :], turned[:, : columns.shape[2]]))
     reading, *parts = np.split(np.concatenate(white), np.arange(1, columns.shape[2], 3), axis=1)
     whitened = {"reading": reading[:, 0], "design": parts.pop(0)}
     whitened["instruments"] = None if block["instruments"] is None else parts.pop(0)
@@ -174,7 +174,7 @@ def _residual_noise(blocks, settings):
     joint = _joint_offset([_whitened(block, white)["score"] for block in used])
     for block in used:
         valid, residual = block["valid"], block["reading"] - block["design"] @ joint
-        residual[valid] = least_squares.without(block["drift"][valid], residual[valid])
+        residual[valid] = least_squares.project_out(block["drift"][valid], residual[valid])
         pieces.append(residual)
     removed = len(pieces) * (settings["drift_degree"] + 1) + 1
     axes = range(3 if pieces else 0)
@@ -195,8 +195,8 @@ def _values(blocks, whitened, scores, joint, modes):
         A, Z = white["design"], white["instruments"]
         gain = least_squares.stable_inverse(score.information) @ (A if Z is None else Z).T
         residual = white["reading"] - A @ joint
-        # noise of the columns weakens the equation, modes act on the joint offset
-        extra = 0.0 if Z is None else float(np.sum((least_squares.without(Z, A) @ joint) ** 2) / max(white["rows"], 1))
+        unseen = 0.0 if Z is None else least_squares.project_out(Z, A @ joint)
+        extra = float(np.sum(unseen**2) / max(white["rows"], 1))  # noise of columns weakens it, modes act on the joint
         table["offset"][i] = score.determined(joint, DIRECTION_LIMIT_M)
         for name in ("right", "normal", "information"):
             table[name][i] = getattr(score, name) / (1 + extra)
@@ -204,7 +204,7 @@ def _values(blocks, whitened, scores, joint, modes):
         table["chi2"][i], table["dof"][i] = residual @ residual, white["dof"]
         valid = block["valid"]
         both = np.concatenate([block["reading"][valid], block["design"][valid] @ joint], axis=1)
-        both = least_squares.without(block["drift"][valid], both)
+        both = least_squares.project_out(block["drift"][valid], both)
         series["time_grid"].append(block["time"][valid])
         series["grid_manoeuvre"].append(np.full(int(valid.sum()), i))
         series["reading"].append(both[:, :3])
@@ -382,7 +382,7 @@ def published_offset(time, good, linear, rates, solved) -> tuple[np.ndarray, np.
     operator = lowpass_resampler(time, good, time, lowpass_hz=LOWPASS_HZ, half_width_s=6.0)
     filtered = operator(np.nan_to_num(np.concatenate([reading, *rates], axis=1)))[operator.valid]
     at = time[operator.valid]
-    series = least_squares.without(np.stack([np.ones_like(at), at - at[0]], axis=1), filtered)
+    series = least_squares.project_out(np.stack([np.ones_like(at), at - at[0]], axis=1), filtered)
     A = -sensing.rotation_tensor(series[:, 3:6], series[:, 6:9]).reshape(-1, 3)[:, solved]  # eq. 5, without gradient
     weight, observed = np.tile(WEIGHTS, len(series)), series[:, :3].ravel()
     inverse = least_squares.stable_inverse(A.T @ (weight[:, None] * A))
@@ -492,7 +492,7 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
     for grid, own in zip(np.split(pieces["epoch"].values, cuts), np.split(reading.copy(), cuts), strict=True):
         valid = np.isfinite(own[:, 0])
         drift = least_squares.polynomial(grid, drift_degree, grid[0], grid[-1])[valid]
-        own[valid] = least_squares.without(drift, own[valid])
+        own[valid] = least_squares.project_out(drift, own[valid])
         quiet_parts.append(own)
     removed = len(quiet_parts) * (drift_degree + 1)
     models = [fit_noise([part[:, axis] for part in quiet_parts], noise_order, step, removed) for axis in range(3)]

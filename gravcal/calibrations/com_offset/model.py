@@ -108,7 +108,7 @@ def _slope(rate, impulse):
     if rate.size < 20 or np.std(impulse) == 0:
         return np.nan, np.nan
     drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, rate.size), DRIFT_DEGREE)
-    observed, column = (least_squares.without(drift, series) for series in (rate, impulse))
+    observed, column = (least_squares.project_out(drift, series) for series in (rate, impulse))
     square = float(column @ column)
     value = float(column @ observed) / square
     residual = observed - value * column

@@ -15,7 +15,7 @@ from gravcal.calibrations.com_offset.estimate import QUIET_S, adopted
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre
 from gravcal.effects import effect
 from gravcal.errors import refuse
-from gravcal.estimation.least_squares import polynomial, stable_inverse, without
+from gravcal.estimation.least_squares import polynomial, project_out, stable_inverse
 from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, Reported
 from gravcal.physics.orbit_environment import sun_i
@@ -236,7 +236,7 @@ def _late(aligned, late, order):
             each = [np.column_stack([whole[p], polynomial(p, 1, p[0], p[-1])]) for p in places]
             left = [np.full(p.size, np.nan) for p in places]
             for one, rest, place in zip(each, left, places, strict=True):
-                rest[good[place]] = without(one[good[place], 2:], one[good[place], 0] - lag_s * one[good[place], 1])
+                rest[good[place]] = project_out(one[good[place], 2:], one[good[place], 0] - lag_s * one[good[place], 1])
             noise = fit_noise(left, order, 1.0, 11 * len(left))
             for mine, one, place in zip(whitened, each, places, strict=True):
                 mine.append(whiten(noise, np.nan_to_num(one), good[place]))

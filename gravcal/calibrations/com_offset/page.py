@@ -10,7 +10,7 @@ from gravcal.calibrations.com_offset.align import OUTLIER, REACH, SCHEMAS
 from gravcal.calibrations.com_offset.estimate import HIGH_LATITUDE
 from gravcal.calibrations.com_offset.estimate import adopted as adopted_variant
 from gravcal.calibrations.schemas import build
-from gravcal.estimation.least_squares import without
+from gravcal.estimation.least_squares import project_out
 from gravcal.io.vcm import commented, vector_line
 from gravcal.report import documents, pages, plain
 from gravcal.report.figures import AXIS, COLOURS, bars, density, grid, joined, number_windows, thinned
@@ -615,7 +615,7 @@ def _roll(panel, survey):
     if time.size == 0 or not np.isfinite(slope):
         return
     drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, time.size), 2)
-    rate, impulse = (without(drift, survey[name].values) for name in ("roll_rate", "roll_impulse"))
+    rate, impulse = (project_out(drift, survey[name].values) for name in ("roll_rate", "roll_impulse"))
     style = {"color": COLOURS["orange"], "marker": "o", "markersize": 2.2, "linewidth": 0.6, "label": "star camera"}
     panel.plot(time - time[0], 1e6 * rate, **style)
     panel.plot(time - time[0], 1e6 * slope * impulse, color=COLOURS["black"], label="torquers")

@@ -136,8 +136,7 @@ def _torque_of(entry, values_of):
 def _clipped(context):
     """Torque per dipole missing at full dipole: what saturation takes from the square waves of the largest current."""
     full = np.abs(context.dipole_b) > REACHED * context.extra["largest_dipole"]
-    missing = np.where(full, np.sign(context.dipole_b), 0.0)
-    return np.cross(missing, context.field_b)[..., None]
+    return np.cross(np.where(full, np.sign(context.dipole_b), 0.0), context.field_b)[..., None]
 
 
 def _reading(one, entry, values_of):
@@ -430,7 +429,7 @@ def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
         added = dict(zip(signal, replace(forms[0].whole, columns=[*signal.values()]).added(entry), strict=True))
         if "linear" in added:
             drift = least_squares.polynomial(one.wide.time, one.drift_degree, *one.wide.time[[0, -1]])
-            added["linear"] = least_squares.without(drift, added["linear"])
+            added["linear"] = least_squares.project_out(drift, added["linear"])
         return added
     known = effect(entry.cause)
     if known.slug == lag.CAUSE:

@@ -166,7 +166,7 @@ def balance(torque, drag_b, place, satellite, *, width, step):
         normal, right = np.diag(1 / prior_sigma**2), prior / prior_sigma**2
         for k, one in enumerate(models):
             white = noise.whiten(one, columns[k], valid)
-            rows = least_squares.without(white[:, 4:], white[:, :4])
+            rows = least_squares.project_out(white[:, 4:], white[:, :4])
             power = float(np.sum(noise.whiten(one, impulse, np.ones(len(impulse), dtype=bool)) ** 2))
             biased = np.count_nonzero(valid) * power * common[k]
             products = rows[:, 1:].T @ rows

@@ -43,9 +43,8 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
     lines = map(on_axes, outside)
     channels = channels_of(about, R_bi, observed, modelled, itertools.chain(added, lines), settings)
     satellite, prior = settings["satellite"], np.zeros((6, 1 + GLOBAL))
-    pressure = np.array(satellite["centre_of_pressure"])
-    distance = np.linalg.norm(satellite["sensor_position_sigma"], axis=0)
-    sigma = np.concatenate([satellite["centre_of_pressure_sigma"], distance])
+    pressure, distance = np.array(satellite["centre_of_pressure"]), satellite["sensor_position_sigma"]
+    sigma = np.concatenate([satellite["centre_of_pressure_sigma"], np.linalg.norm(distance, axis=0)])
     prior[:3, 0] = pressure / sigma[:3]
     prior[np.arange(6), 1 + np.r_[PLACES["pressure"], PLACES["distance"]]] = 1 / sigma
     parts = [*(channel.rows for channel in channels.values()), prior]

@@ -34,7 +34,7 @@ def effects_of(about: Context, channels: Sequence[str]) -> Iterator[tuple[Effect
 def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
     """Drivers, their forms, and what follows them, (n,) or, of waves, (n, 2), 1 of a size near one.
 
-    Of the readings of a sensor products: in proportion to them are scale, misalignment and cross-talk.
+    Of readings of a sensor and the angular acceleration products: in proportion to them are effects of the catalogue.
     """
     for sensor in range(len(about.extra["positions"])):
         reading = reading_of(about, sensor)
@@ -46,7 +46,8 @@ def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
         for axis, letter in enumerate("xyz"):
             one = values[:, axis] - values[:, axis].mean()
             one = one / max(np.abs(one).max(), 1e-300)
-            yield name, f"component {letter}", one
+            if name != "angular_acceleration":
+                yield name, f"component {letter}", one
             yield name, f"square of {letter}", one**2
     fastest = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
     argument = np.cumsum(about.rate_b[:, fastest] * np.diff(about.time, prepend=about.time[0]))  # along the orbit

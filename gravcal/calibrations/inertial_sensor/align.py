@@ -59,8 +59,7 @@ def reduced(sensor: dict, tracker: dict, orbit: dict, step_s: float) -> dict[str
     x radial and z along the flight, "rate_b" (b, 3), "gradient_b" (b, 3, 3)} are NaN where unknown.
     """
     first = np.ceil(sensor["time"][0] / step_s - 1e-9)
-    last = np.floor((sensor["time"][-1] + 1e-6) / step_s + 0.05)
-    edges = step_s * np.arange(first, last + 1)
+    edges = step_s * np.arange(first, np.floor((sensor["time"][-1] + 1e-6) / step_s + 0.05) + 1)
     middle = edges[:-1] + step_s / 2
     mean, count = clipped_means(sensor["time"], sensor["volts"] @ electrodes.READOUT[:3].T, edges)
     quaternion = mean_attitude(tracker["time"], tracker["quaternion"], edges)

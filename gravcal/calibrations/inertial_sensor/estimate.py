@@ -211,7 +211,7 @@ def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, *bins: float) -> list[
     blocks = [bin_means(aligned.time.values, values, one)[0] for one in quiet_edges(aligned, *bins)]
     for block in blocks:
         good = np.isfinite(block).all(axis=1)
-        block[good] = least_squares.without(cubic(len(block))[good], block[good])
+        block[good] = least_squares.project_out(cubic(len(block))[good], block[good])
         block[~good] = np.nan
     return blocks
 
@@ -371,8 +371,8 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
         "dof": fits[0].dof,
         "noise_density": [np.sqrt(2 * n.step_s * n.variance[-1]) for n in record.noise],
         "time_bin": record.time,
-        "reading": least_squares.without(record.trend, np.nan_to_num(k * record.linear_volt)),
-        "model": least_squares.without(record.trend, np.matvec(columns, fits[0].value)),
+        "reading": least_squares.project_out(record.trend, np.nan_to_num(k * record.linear_volt)),
+        "model": least_squares.project_out(record.trend, np.matvec(columns, fits[0].value)),
         "filter_value": run.value[rows, :3],
         "filter_sigma": run.sigma[rows, :3],
     }

@@ -118,8 +118,7 @@ class RollView:
         (models, level), whole = self.noise, np.ones(added.shape[1], dtype=bool)
         level = level.value.reshape(*self.time.shape, 3).swapaxes(1, 2).reshape(len(self.time), -1, 1)[first:]
         white = [noise.whitened(models, one, whole) / louder for one, louder in zip(added, level, strict=False)]
-        nothing = np.zeros((3, added.shape[3]))
-        return [np.concatenate([one, nothing]) for one in white]
+        return [np.concatenate([one, np.zeros((3, added.shape[3]))]) for one in white]
 
     def blocks(self, parameters: Sequence[str], width: int, *, alone: bool) -> list[Block]:
         """Each segment; bias and offset are among the first of so many global columns, whose names are given.

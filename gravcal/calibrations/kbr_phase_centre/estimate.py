@@ -176,7 +176,7 @@ def published_arcs(equations: xr.Dataset, derivative: int, trim_s: float) -> lis
         observed, part = equations["observed"].values[index], column[index]
         if degree[derivative] is not None:
             slow = least_squares.polynomial(time[index], degree[derivative], start, stop)
-            observed = least_squares.without(slow, observed)
+            observed = least_squares.project_out(slow, observed)
         if derivative == 0:
             part = np.column_stack([part, np.ones(index.size)])
         result.append(Arc(index, observed, part, np.zeros((index.size, 0))))
@@ -265,7 +265,7 @@ def _series(equations, parts, centre, derivative, degree):
     for part in (part.index for part in parts):
         slow = noise.slow_columns(time[part], equations["segment"].values[part], degree - derivative, derivative)
         both = np.column_stack([equations["observed"].values[part], equations["column"].values[part] @ centre])
-        series.append(least_squares.without(slow, both))
+        series.append(least_squares.project_out(slow, both))
         pieces.append(noise.on_even_grid(time[part], step, series[-1]))
     detrended, modelled = np.concatenate(series).T
     frequency = np.linspace(0, 0.5 / step, 257)[1:]

@@ -107,7 +107,7 @@ def _pieces(equations, stretches, centre, degree, length, step):
 def _left(values, columns):
     """Values beside columns, NaN where missing."""
     good, left = np.isfinite(values), np.full(values.size, np.nan)
-    left[good] = least_squares.without(least_squares.orthonormal(columns[good]), values[good])
+    left[good] = least_squares.project_out(least_squares.orthonormal(columns[good]), values[good])
     return left
 
 
@@ -187,7 +187,7 @@ def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> tuple[list[tuple[
     detrended = []
     for index in indices:
         slow = slow_columns(time[index], segment[index], degree, 0)
-        detrended.append(least_squares.without(slow, np.column_stack([observed[index], column[index]])))
+        detrended.append(least_squares.project_out(slow, np.column_stack([observed[index], column[index]])))
     if not detrended:
         return [], np.full(6, np.nan)
     y, A = np.concatenate([d[:, 0] for d in detrended]), np.concatenate([d[:, 1:] for d in detrended])

@@ -172,8 +172,7 @@ def compare(
     same = same.assign(model_b=same["model_b"] + rest)
     held = tuple({*settings.pop("held"), "external_field"})  # theirs holds it
     implied = estimate(same, held=held, **settings)
-    names = implied["parameter"].values.tolist()
-    our = solution[["value", "sigma"]].sel(parameter=names)
+    our = solution[["value", "sigma"]].sel(parameter=implied["parameter"].values.tolist())
     values = {name: implied[name].values for name in ("parameter", "unit", "value", "sigma")}
     values |= {"own_value": our["value"].values, "own_sigma": our["sigma"].values}
     values |= {"time": field.time[matched], "difference_b": rest - ours, "theirs_b": rest, "apart": apart}

@@ -157,7 +157,7 @@ def noise(field: Field, step: float, columns: list[np.ndarray], order: int, floo
     place, models = placed(field.time, step), []
     for axis in range(3):
         basis = least_squares.orthonormal(np.concatenate([c[:, axis] for c in columns], axis=1))
-        rest = least_squares.without(basis, field.difference[:, axis])
+        rest = least_squares.project_out(basis, field.difference[:, axis])
         models.append(noise_of(rest, place, order, floor, basis.shape[1]))
     return models
 

@@ -103,7 +103,7 @@ def pointing_gain(line_b: np.ndarray, noise_hz: float) -> tuple[np.ndarray, np.n
     edges = np.append(np.geomspace(1e-3, noise_hz, 16), np.geomspace(noise_hz, WHITE_HZ, 6)[1:])
     window, every = np.hanning(count), np.fft.rfftfreq(count, 1.0)
     slow = least_squares.polynomial(np.arange(count), 2, 0, count)
-    level = least_squares.without(slow, np.moveaxis(line_b[..., 1:], 1, 0).reshape(count, 4))
+    level = least_squares.project_out(slow, np.moveaxis(line_b[..., 1:], 1, 0).reshape(count, 4))
     power = np.abs(np.fft.rfft(level * window[:, None], axis=0)) ** 2 * 2 / np.sum(window**2)
     place = np.digitize(every, edges)
     density = np.stack([power[place == k].mean(axis=0) for k in range(1, edges.size)], axis=-1).reshape(2, 2, -1)
@@ -166,7 +166,7 @@ def blocks(
         refuse(rows.attrs["ranging"], revolutions, expected, "Give a longer record.", EstimationError)
     places = [np.rint((time[part] - time[part[0]]) / step).astype(int) for part in parts]
     slow = [least_squares.polynomial(time[part], range_degree, time[part[0]], time[part[-1]]) for part in parts]
-    series = [least_squares.without(s, observed[p] - observed[p[0]]) for p, s in zip(parts, slow, strict=True)]
+    series = [least_squares.project_out(s, observed[p] - observed[p[0]]) for p, s in zip(parts, slow, strict=True)]
     series = [on_even_grid(time[part], step, one) for part, one in zip(parts, series, strict=True)]
     frequency = np.linspace(0, 0.5 / step, BINS + 1)
     removed = sum(one.shape[1] for one in slow)
@@ -248,7 +248,7 @@ def estimate(rows: xr.Dataset, *, determined_limit_mm: float, **settings) -> xr.
     of_share, share_right, share_excess = equations_of(parts, rows, observed, shared)
     covariance = least_squares.covariance(of_share.sum(axis=0))
     data = np.column_stack([observed - observed[0], own])
-    series = np.concatenate([least_squares.without(part.slow, data[part.rows]) for part in parts])
+    series = np.concatenate([least_squares.project_out(part.slow, data[part.rows]) for part in parts])
     weight, kept, _ = equations_of(parts, rows, -smooth.sum(axis=1), shared)
     solution |= {
         "time": time[np.concatenate([part.rows for part in parts])],
@@ -280,7 +280,7 @@ def equations_of(
     data = np.column_stack([observed, *moved])
     sums = []
     for part in parts:
-        white = least_squares.without(part.white(part.slow), part.white(data[part.rows] - data[part.rows[0]]))
+        white = least_squares.project_out(part.white(part.slow), part.white(data[part.rows] - data[part.rows[0]]))
         each = white[:, 1:].reshape(len(white), lags.size, -1)
         sums.append((np.einsum("nli,nlj->lij", each, each), np.einsum("nli,n->li", each, white[:, 0])))
     information, right = (np.stack(one, axis=1) for one in zip(*sums, strict=True))
@@ -293,7 +293,7 @@ def equations_of(
 def whitened_power(part: Block, observed: np.ndarray, step_s: float) -> tuple[np.ndarray, np.ndarray]:
     """Frequencies (m,) Hz and power (m,) of whitened readings of a range (n,) m in a block; 1 where all is noise."""
     values = observed[part.rows, None] - observed[part.rows[0]]
-    rest = least_squares.without(part.white(part.slow), part.white(values))[:, 0]
+    rest = least_squares.project_out(part.white(part.slow), part.white(values))[:, 0]
     return np.fft.rfftfreq(rest.size, step_s), np.abs(np.fft.rfft(rest)) ** 2 / part.place.size
 
 

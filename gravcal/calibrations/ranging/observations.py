@@ -116,7 +116,7 @@ class Routine(Observations):
         """Effects of the catalogue, less what bias and slow orbit error take of them."""
         made = []
         for entry, columns in self.laws:
-            rows = [part.white(least_squares.without(part.slow, columns[part.rows])) for part in self.parts]
+            rows = [part.white(least_squares.project_out(part.slow, columns[part.rows])) for part in self.parts]
             made.append(listed(entry, rows, kept=slice(columns.shape[1])))
         return made
 

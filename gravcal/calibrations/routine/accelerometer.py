@@ -301,11 +301,11 @@ def _normal(pieces, observed, design, noises):
         for c in np.flatnonzero(observed.any(axis=0)):
             whole = np.column_stack([observed[rows, c], design[rows, c], slow]) * there[:, None]
             if noises[c] is None:
-                spread = least_squares.without(whole[there, design.shape[2] + 1 :], whole[there, 0]).std()
+                spread = least_squares.project_out(whole[there, design.shape[2] + 1 :], whole[there, 0]).std()
                 white = whole / max(spread, 1e-300)
             else:
                 white = whiten(noises[c], whole, there)
-            clean = least_squares.without(white[:, design.shape[2] + 1 :], white[:, : design.shape[2] + 1])
+            clean = least_squares.project_out(white[:, design.shape[2] + 1 :], white[:, : design.shape[2] + 1])
             normal, side = normal + clean[:, 1:].T @ clean[:, 1:], side + clean[:, 1:].T @ clean[:, 0]
         information.append(normal)
         right.append(side)
@@ -317,7 +317,7 @@ def _left(pieces, series):
     made = []
     for rows, slow, there in pieces:
         rest = np.full((rows.size, 6), np.nan)
-        rest[there] = least_squares.without(least_squares.orthonormal(slow[there]), series[rows][there])
+        rest[there] = least_squares.project_out(least_squares.orthonormal(slow[there]), series[rows][there])
         made.append(rest)
     return made
 

@@ -167,8 +167,7 @@ def late(one: Records, inertia_b) -> int:
 def smooth_torque(time: np.ndarray, knot_s: float) -> np.ndarray:
     """Attitudes (n, k) that cubic torques with a knot every so many seconds can make, splines of degree 5 on them."""
     start, stop = time[0], time[-1] + 1e-3
-    count = max(int(np.ceil((stop - start) / knot_s)), 1)
-    inner = np.linspace(start, stop, count + 1)
+    inner = np.linspace(start, stop, max(int(np.ceil((stop - start) / knot_s)), 1) + 1)
     knots = np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, stop)])
     return BSpline.design_matrix(time, knots, DEGREE).toarray()
 
