@@ -102,3 +102,16 @@ def test_every_mutant_of_the_benchmark_changes_a_line_that_stands_there_once():
     for path, entry in tomllib.loads((ROOT / "benchmarks" / "mutants.toml").read_text()).items():
         text = (ROOT / "gravcal" / path).read_text()
         assert [old for old, *_ in entry["mutants"] if text.count(old) != 1] == [], path
+
+
+def test_variables_are_named_for_the_quantity_that_they_hold():
+    """Contract: how a value was come by is none; but for what a user gives, and the words of an error."""
+    bound = {}
+    for name, path in modules().items():
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Store):
+                bound.setdefault(node.id, set()).add(name)
+            elif isinstance(node, ast.arg):
+                bound.setdefault(node.arg, set()).add(name)
+    known = {"found": {"gravcal.errors", "gravcal.catalog"}, "given": {"gravcal.calibrations.kbr_phase_centre.model"}}
+    assert {one: bound[one] for one in ("told", "seen", "felt", "found", "given") if one in bound} == known
