@@ -44,13 +44,13 @@ def _solved(source, chosen, aligned, checked, variants):
     torquers = {n: satellite[n] for n in TORQUERS}
     smoothed = com_offset.attitude(aligned, checked, **chosen.for_stage("attitude"), **torquers)
     angular = [com_offset.angular_acceleration(smoothed, aligned, variant=one, **settings) for one in variants]
-    turning = dict(zip(variants, angular, strict=True))
+    by_variant = dict(zip(variants, angular, strict=True))
     if chosen.method == "published":
-        solved = [com_offset.published_solve(aligned, smoothed, one, variant=name) for name, one in turning.items()]
+        solved = [com_offset.published_solve(aligned, smoothed, one, variant=name) for name, one in by_variant.items()]
         return smoothed, angular, solved
     pieces = com_offset.quiet(aligned, **chosen.for_stage("quiet"))
     measured, solved = com_offset.noise(pieces, **chosen.for_stage("noise")), []
-    for variant, one in turning.items():
+    for variant, one in by_variant.items():
         resampled = com_offset.equations(aligned, smoothed, one, variant=variant, **chosen.for_stage("equations"))
         solved.append(com_offset.solve(resampled, measured, variant=variant, **chosen.for_stage("solve")))
     return smoothed, angular, solved

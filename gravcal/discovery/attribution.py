@@ -88,7 +88,7 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
 
     A prediction has the error of the parameters that it is made with, so that a direction of which the others see
     little neither gains nor costs much. What only this block sees, of baseline or candidate, is fitted in it before
-    and after, and gains nothing. Products (b, m, m) less own columns; indices of shared columns and of the candidate's.
+    and after, and gains nothing. Products (b, m, m) less local columns; indices of global columns and the candidate's.
     """
     used = np.concatenate([[0], baseline, index])
     grams = grams[:, used[:, None], used]
@@ -161,7 +161,7 @@ ROUNDING = 1e-7
 def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray) -> list[Unobservable]:
     """Directions of listed causes that vanish beside the calibration parameters, with the bias they could cause.
 
-    The bias is that of the first (s,) shared columns of the baseline.
+    The bias is that of the first (s,) global columns of the baseline.
     """
     total, width = problem.total, scale.size
     inverse, gram, rows = inverse_of(total[np.ix_(baseline, baseline)]), projected(total, baseline), []

@@ -1,7 +1,7 @@
 """Which manoeuvres to fly: those of a flown library that make a calibration best known and causes separable.
 
 Manoeuvres share nothing but the global parameters, so that what they tell adds: N = sum n_i N_i, with N_i the products
-of the whitened columns of manoeuvre i, its own columns projected out. The design of a given number of manoeuvres with
+of the whitened columns of manoeuvre i, its local columns projected out. The design of a given number of manoeuvres with
 the least trace of the covariance of the parameters (A-optimal) is found by exchanges (Fedorov 1972, Theory of Optimal
 Experiments). What is not known beforehand, such as the orbit, is drawn: several flights are pooled. A design is chosen
 by some and judged by others, for the best of many is never as good again.

@@ -290,14 +290,14 @@ def _product(observed, limits, result, search_outcome):
 
 
 #: Frequencies tried round a peak, in quarters of what the longest record tells apart; how much more than at the first
-#: of them a line may gain between them; share of its power that own columns leave of it at least, or it is none.
+#: of them a line may gain between them; share of its power that local columns leave of it at least, or it is none.
 PEAKS, FINE, BETWEEN, LEFT = 4, np.arange(-1.0, 1.01, 1 / 16), 1.5, 0.5
 
 
 def joint_lines(result: Result, observed: Observations, search: LineSearch, choice, least=0.0) -> list[Candidate]:
     """Lines in what a search without them has left, those that are significant by themselves and gain so much.
 
-    A line has one phase in all blocks of a group: with phases of their own any slow shape is one. What own columns
+    A line has one phase in all blocks of a group: with phases of their own any slow shape is one. What local columns
     leave of a slow line is no line any more, and the same as they leave of any other.
     """
     groups, wave = observed.groups, observed.wave(search)

@@ -1,7 +1,7 @@
 """One search over many events: from products of whitened columns of each event to causes with a scope, and offsets.
 
 An event tells what its products of whitened columns tell: observed rows, parameters of the calibration, causes of the
-catalogue, own columns projected out (`evidence`). Events share causes, not the calibration's parameters: these are free
+catalogue, local columns projected out (`evidence`). Events share causes, not a calibration's parameters: they are free
 in each, so that no model of how they move can make a cause. A cause goes from event to event by a law: constant, one
 value in each range of epochs, linear in a measured quantity, in one event alone, or different in each. All laws of all
 causes are tried in every round; what is significant among all of them is named, the law by its evidence with the

@@ -36,10 +36,10 @@ def root_of(inner: np.ndarray, least: Callable | float, size: np.ndarray | None 
     return vectors[:, observable] / np.sqrt(values[observable]) / scale[:, None]
 
 
-DEPENDENT = 3e-6  # share of the largest singular value: own columns that hardly differ are one
+DEPENDENT = 3e-6  # share of the largest singular value: local columns that hardly differ are one
 GROUPS = 12  # of rows, at most; a block whose channels alternate is one group
 REMEMBERED = 8  # choices of columns
-#: Share of the square of a column that is rounding when its part along the own columns is taken off.
+#: Share of the square of a column that is rounding when its part along the local columns is taken off.
 ROUNDING = 1e-13
 #: Share of a column that its size keeps at least, so that no rounding counts as seen.
 LEAST = 0.03
@@ -61,12 +61,12 @@ class Columns:
     count: int  #: number of columns
     groups: list[slice]  #: slices of rows, one a channel
     parts: list[Part]  #: list of Part
-    basis: np.ndarray  #: (n, r) orthonormal basis of the block's own columns
+    basis: np.ndarray  #: (n, r) orthonormal basis of the block's local columns
     inside: np.ndarray  #: (r, m) products of basis and columns
-    memory: dict = field(default_factory=dict)  #: choices of columns without own columns, made once
+    memory: dict = field(default_factory=dict)  #: choices of columns without local columns, made once
 
     def of(self, wanted: np.ndarray) -> np.ndarray:
-        """Some columns (n, w), own columns projected out."""
+        """Some columns (n, w), local columns projected out."""
         wanted = np.asarray(wanted, dtype=np.intp)
         key = wanted.tobytes()
         if key not in self.memory:
@@ -88,7 +88,7 @@ class Columns:
         return made
 
     def row(self, number: int) -> np.ndarray:
-        """All columns (m,) in one row, own columns projected out."""
+        """All columns (m,) in one row, local columns projected out."""
         made = -self.basis[number] @ self.inside
         for part in self.parts:
             if part.rows.start <= number < part.rows.stop:
@@ -104,7 +104,7 @@ class Columns:
         return total
 
     def products(self, total: np.ndarray | None = None) -> np.ndarray:
-        """Products (m, m) with each other, own columns projected out; zero for what lies along own columns."""
+        """Products (m, m) with each other, local columns projected out; zero for what lies along local columns."""
         total = np.negative(self.inside.T @ self.inside, out=total)
         for one, other in itertools.product(self.parts, repeat=2):
             if one.rows == other.rows:
@@ -112,7 +112,7 @@ class Columns:
         return without_rounding(total, self.squares)
 
     def onto(self, signals: np.ndarray) -> np.ndarray:
-        """Products (m, d) with signals (n, d) that have no own columns left in them."""
+        """Products (m, d) with signals (n, d) that have no local columns left in them."""
         total = np.zeros((self.count, signals.shape[1]))
         for part in self.parts:
             total[part.index] += part.values.T @ signals[part.rows]
@@ -128,7 +128,7 @@ class Columns:
 
 
 def without_rounding(products: np.ndarray, squares: np.ndarray) -> np.ndarray:
-    """Products (m, m) less own columns, in place, zero where what is left of their squares (m,) is rounding."""
+    """Products (m, m) less local columns, in place, zero where what is left of their squares (m,) is rounding."""
     lost = np.diag(products) <= ROUNDING * squares
     products[lost] = 0.0
     products[:, lost] = 0.0
@@ -159,18 +159,18 @@ class Problem:
     columns: list[Columns]  #: of each block: observed, shared, candidates
     gram: np.ndarray  #: (b, m, m) products of these columns
     places: list[slice]  #: of each candidate
-    size: np.ndarray  #: (m,) norm beside own columns, to which what is seen beside a baseline is compared
-    samples: np.ndarray  #: (b,) rows that carry weight, less own columns
+    size: np.ndarray  #: (m,) norm beside local columns, to which what is seen beside a baseline is compared
+    samples: np.ndarray  #: (b,) rows that carry weight, less local columns
     memory: dict = field(default_factory=dict)  #: what follows from the blocks alone, made once
 
     @property
     def bases(self) -> list[np.ndarray]:
-        """Orthonormal basis (n, r) of the own columns of each block."""
+        """Orthonormal basis (n, r) of the local columns of each block."""
         return [columns.basis for columns in self.columns]
 
     @property
     def shared(self) -> slice:
-        """Place of the shared columns."""
+        """Place of the global columns."""
         return slice(1, 1 + self.blocks[0].global_columns.shape[1])
 
     @functools.cached_property
@@ -221,7 +221,7 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
 def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -> np.ndarray:
     """Products (2, m, m) of the observed and wanted (w,) columns of a block in alternate stretches of so many seconds.
 
-    Own columns are free in each half, as edges and drifts of one half say nothing of the other. A block shorter than
+    Local columns are free in each half, as edges and drifts of one half say nothing of the other. A block shorter than
     a stretch is parted row by row.
     """
     block = problem.blocks[index]
@@ -238,7 +238,7 @@ def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -
 
 
 def baseline_of(problem: Problem, indices) -> np.ndarray:
-    """Indices (p,) of the shared columns and of those of some candidates, by their indices."""
+    """Indices (p,) of the global columns and of those of some candidates, by their indices."""
     shared = np.arange(problem.shared.start, problem.shared.stop)
     parts = [np.arange(problem.places[k].start, problem.places[k].stop) for k in indices]
     return np.concatenate([shared, *parts]).astype(int)
@@ -252,7 +252,7 @@ def residuals_of(
 
 
 def best_fit(problem: Problem, baseline: np.ndarray, noise, *, over: bool = False) -> tuple[np.ndarray, list]:
-    """Baseline parameters (p, d) beside own columns in signals (n, d) a block, and what that leaves of these."""
+    """Baseline parameters (p, d) beside local columns in signals (n, d) a block, and what that leaves of these."""
     pairs = zip(noise, problem.bases, strict=True)
     rest = [np.subtract(e, q @ (q.T @ e), out=e if over else None) for e, q in pairs]
     right = sum(c.of(baseline).T @ r for c, r in zip(problem.columns, rest, strict=True))

@@ -141,7 +141,7 @@ def line_gains(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], c
 
 
 def _waves(problem, index, channel, axis, grid):
-    """Rows of an axis in a block, `waves_at` there, products (f, 2, 2) beside own columns; None, None if under 40."""
+    """Rows of an axis in a block, `waves_at` there, products (f, 2, 2) beside local columns; None, None if under 40."""
     key = ("waves", index, channel, axis, grid.tobytes())
     if key not in problem.memory:
         block = problem.blocks[index]

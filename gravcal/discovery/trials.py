@@ -353,7 +353,7 @@ class _Beside:
     def products(self, parts):
         """Products (q, q) and (q,) of columns with each other and with the residual, baseline projected out.
 
-        Baseline and residual have no own columns left in them; only rows where the columns are not zero count.
+        Baseline and residual have no local columns left in them; only rows where the columns are not zero count.
         """
         crossed, inner, right = 0.0, 0.0, 0.0
         for basis, rest, known, part in zip(self.problem.bases, self.rest, self.columns, parts, strict=True):

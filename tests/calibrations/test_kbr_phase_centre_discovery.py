@@ -109,7 +109,7 @@ def test_records_shifted_against_each_other_name_no_cause_but_timing(late, cause
 @pytest.mark.long
 @pytest.mark.skipif(np.finfo(np.longdouble).eps > 1e-18, reason="long doubles have no more digits here")
 def test_x_of_a_satellite_that_does_not_turn_keeps_its_information():
-    """Independent evaluation: own columns taken off in 80 bits; the part of x that is no bias is 1e-8 of it."""
+    """Independent evaluation: local columns taken off in 80 bits; the part of x that is no bias is 1e-8 of it."""
     observed = seen(simulated(7, ONE)[0])
     found = prepare(observed.blocks, []).total
     assert observed.view.column[:, 3].std() < 1e-6

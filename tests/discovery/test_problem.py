@@ -25,7 +25,7 @@ CHANNELS = {
 
 @pytest.fixture(params=CHANNELS)
 def made(request):
-    """Columns (90, 9) of five pieces, the whole matrix less its part along the own columns, and the basis of those."""
+    """Columns (90, 9) of five pieces, the whole matrix less its part along local columns, and the basis of those."""
     rng = np.random.default_rng(17)
     channel = CHANNELS[request.param]
     linear, angular = (channel == name for name in ("linear", "angular"))
@@ -107,7 +107,7 @@ def test_the_gain_is_that_of_densities_written_out(seed):
 
 
 def test_what_only_one_block_sees_gains_nothing_and_is_fitted_in_it():
-    """Analytic: of a candidate, of any size, at right angles to the baseline; of the baseline as an own column."""
+    """Analytic: of a candidate, of any size, at right angles to the baseline; of the baseline as an local column."""
     rng = np.random.default_rng(4)
     blocks = [(rng.standard_normal(50), rng.standard_normal((50, 2))) for _ in range(3)]
     for _, columns in blocks[1:]:
@@ -130,7 +130,7 @@ def test_what_only_one_block_sees_gains_nothing_and_is_fitted_in_it():
 
 
 def blocks_of(rng):
-    """Two blocks of 3 axes x 80 rows: a drift of each axis, one shared column, a step at each of four epochs."""
+    """Two blocks of 3 axes x 80 rows: a drift of each axis, one global column, a step at each of four epochs."""
     blocks, time = [], np.tile(np.arange(80.0), 3)
     axis = np.repeat([0, 1, 2], 80)
     for k in range(2):
@@ -144,7 +144,7 @@ def blocks_of(rng):
 
 
 def test_gain_of_a_step_is_that_of_least_squares():
-    """Analytic: on all axes and on each, chi-square that a step takes beside drifts and the shared column."""
+    """Analytic: on all axes and on each, chi-square that a step takes beside drifts and the global column."""
     blocks = blocks_of(np.random.default_rng(3))
     problem = prepare(blocks, [])
     baseline = np.array([1])
@@ -168,7 +168,7 @@ def test_gain_of_a_step_is_that_of_least_squares():
 
 @pytest.mark.parametrize("shake", [0.0, 0.3])
 def test_gain_of_a_line_is_that_of_least_squares(shake):
-    """Analytic: cosine and sine on one axis, beside drifts and the shared column; on all axes the sum.
+    """Analytic: cosine and sine on one axis, beside drifts and the global column; on all axes the sum.
 
     Even records with a gap are transformed, others are multiplied.
     """

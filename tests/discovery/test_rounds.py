@@ -43,7 +43,7 @@ OFFSET = Invented([], [])
 
 
 def made(rng, signal=0.0):
-    """Four blocks of 300 rows with one shared and two own columns; candidate a acts with the given S/N."""
+    """Four blocks of 300 rows with one shared and two local columns; candidate a acts with the given S/N."""
     blocks, a, b = [], [], []
     for k in range(4):
         own = np.stack([np.ones(300), np.linspace(-1, 1, 300)], axis=1)
@@ -223,7 +223,7 @@ def test_less_power_than_noise_has_is_an_alarm_too():
 
 
 def test_an_isolated_outlier_is_left_out_and_reported_and_hides_no_cause():
-    """Recovery: S/N 12 beside a sample 40 sigma off on a steep place of the shared column; what a step does stays."""
+    """Recovery: S/N 12 beside a sample 40 sigma off on a steep place of the global column; what a step does stays."""
     rng = np.random.default_rng(15)
     blocks, candidates = made(rng, signal=12.0)
     worst = int(np.argmax(np.abs(blocks[2].global_columns[:, 0])))
@@ -410,7 +410,7 @@ def test_what_an_unknown_cause_leaves_gets_no_name():
 
 @pytest.mark.parametrize("plausible", [(), (1.0, 1 / 150)])
 def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it(plausible):
-    """Recovery: twins differ by five times the shared column; S/N 15 of the second is named as one of the two.
+    """Recovery: twins differ by five times the global column; S/N 15 of the second is named as one of the two.
 
     What is plausible of the second 150 times less makes it ten times less likely, and excludes it not: 3 sigma.
     """

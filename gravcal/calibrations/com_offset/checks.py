@@ -111,7 +111,7 @@ def _pointing(aligned, time, position, velocity):
         return epoch, np.degrees(np.arccos(np.clip(np.minimum(np.abs(ahead[:, 0]), down[:, 2]), -1, 1)))
 
 
-def turning(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def angular_accelerations(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Epochs (n,) s, a second apart, and angular accelerations (n, 3) there, NaN where there is none.
 
     Of the torquers ("mag", about each axis in a unit of its own), accelerometer and star camera (rad s-2).
@@ -141,7 +141,7 @@ def late(aligned: xr.Dataset) -> dict[str, int]:
     """
     if not aligned.sizes["manoeuvre"]:
         return {}
-    time, made = turning(aligned)
+    time, made = angular_accelerations(aligned)
     known = {name: one for name, one in made.items() if np.isfinite(one).any()}
     if "mag" not in known:
         return {}

@@ -49,11 +49,11 @@ def _acceleration(one, tau, leads):
     missing, _ = lag_missing(arc.edges, arc.dipole_b, tau)
     dipole = lagging(time, edges, arc.dipole_b, missing, tau, np.asarray(leads, dtype=float))
 
-    def turning(one):  # what a unit dipole on each axis does
+    def of_unit_dipoles(one):
         torque = np.stack([np.cross(unit, one.context.field_b) for unit in np.eye(3)], axis=2)
         return np.linalg.inv(one.context.inertia_b) @ torque
 
-    return one.remembered(("turning", CAUSE), turning) @ (dipole - one.context.dipole_b[:, :, None])
+    return one.remembered(("unit", CAUSE), of_unit_dipoles) @ (dipole - one.context.dipole_b[:, :, None])
 
 
 def per_second(one: Manoeuvre, tau: float, lead: float) -> dict[str, np.ndarray]:

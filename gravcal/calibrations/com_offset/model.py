@@ -218,12 +218,12 @@ def equations(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **
     angular acceleration, so that this is resampled, not its nine columns. A manoeuvre with too few samples has no
     epochs.
     """
-    records, motion, turning = arrays(aligned), arrays(smoothed), arrays(angular)
+    records, motion, angular_b = arrays(aligned), arrays(smoothed), arrays(angular)
     driven, modes = int(angular.attrs["variant"] != "mtq"), angular.sizes["mode_index"]
     blocks = {-1: {"epoch": np.zeros(0), "valid": np.zeros(0), "reading": np.zeros((0, 3))}}  # for the shapes
     blocks[-1] |= {"still": np.zeros((0, 3, 3)), "rate_dot_b": np.zeros((1 + driven + modes, 0, 3))}
     for index in range(aligned.sizes["manoeuvre"]):
-        block = _block(records, motion, turning, index, driven, settings)
+        block = _block(records, motion, angular_b, index, driven, settings)
         blocks |= {} if block is None else {index: block}
     sizes = [one["epoch"].size for one in blocks.values()]
     values = {"grid_manoeuvre": np.repeat(list(blocks), sizes)}

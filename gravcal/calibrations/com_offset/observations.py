@@ -222,7 +222,7 @@ def _late(aligned, late, order):
     ends = aligned["start"].values + min(far) - first, aligned["stop"].values + max(far) - first
     most = int(aligned["window_stop"].values.max() - first)
     places = [np.arange(max(int(start), 0), min(int(stop), most)) for start, stop in zip(*ends, strict=True)]
-    _, made = checks.turning(aligned)
+    _, made = checks.angular_accelerations(aligned)
     made = {name: one - np.nanmean(one, axis=0) for name, one in made.items()}
     whitened = [[] for _ in places]
     for name, lag_s in lags.items():

@@ -194,14 +194,14 @@ class SwingView:
         The linear reading, m s-2, is that of the offset; the attitude, rad, the rotation beside that at a mean rate.
         """
         if channel == "attitude":
-            return self._turning(rows)
+            return self._attitude_reading(rows)
         parts = rows.reshape(3, self.time.size, -1)
         columns = [self.k[a] * noise.unwhiten(self.record.noise[a], parts[a], self.good) for a in range(3)]
         at = np.clip(self.time, *self.record.time[[0, -1]])  # in quiet data as at its ends
         model = fits.interpolated(self.record.time, np.matvec(np.nan_to_num(self.tensor), self.start[3:6]), at)
         return self.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)
 
-    def _turning(self, rows):
+    def _attitude_reading(self, rows):
         record, valid = self.record, self.system.valid
         columns = np.full((rows.shape[1], valid.size), np.nan)
         columns[:, valid] = (self.system.lower @ rows).T

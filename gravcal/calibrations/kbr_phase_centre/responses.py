@@ -45,7 +45,7 @@ SUNLIGHT_LAGS_S = (60.0, 200.0, 2000.0)
 #: Of waves along the argument of latitude; slower ones are taken up by the slow orbit error.
 CYCLES = range(8, 41)
 SETTLING_S = (100.0, 300.0, 900.0)
-LEAST = 60  # epochs that a half needs beyond its own columns
+LEAST = 60  # epochs that a half needs beyond its local columns
 #: Degree of the slow orbit error in a half over that in the whole: 10 instead of 15 leaves less than 1 nm of 5 mm.
 SHARE = 2 / 3
 FILTER_S = 35.0  # half of the filter of the ranging
@@ -210,7 +210,7 @@ def halves_of(
     residual = _level(halves, equations["observed"].values[rows] - column @ centre)
     known = context(aligned, pointed, nominal)
     for part in _moving(time, equations) if noisy else ():
-        for one in np.moveaxis(known.extra["turning"][part], 1, 0):  # noise of R_bi, which exceeds that of the range
+        for one in np.moveaxis(known.extra["line_rate"][part], 1, 0):  # noise of R_bi, which exceeds that of the range
             one[:] = noise.smoothed(one, band_hz[1])
     made = Halves(records, measured, known, filter_, good, through, halves, residual, column, centre, late)
     if late.any():
@@ -302,12 +302,12 @@ def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Co
         "line_of_sight_b": line,
         "antenna_x": nominal[:, 0],
         "antenna_correction": np.einsum("nka,ka->n", line, nominal),
-        "turning": turning(aligned, line),
+        "line_rate": line_rate(aligned, line),
     }
     return Context(time=time, epoch=middle(pointed), extra=extra)
 
 
-def turning(aligned: xr.Dataset, line_b: np.ndarray) -> np.ndarray:
+def line_rate(aligned: xr.Dataset, line_b: np.ndarray) -> np.ndarray:
     """Change (n, 2, 3) s-1 of the lines of sight (n, 2, 3) by the turning of the satellites, the line itself held.
 
     l' - R_bi e', by differences over two seconds; error (2 pi / 250 s)^2 / 6, a ten thousandth. The noise of R_bi is
@@ -350,11 +350,11 @@ def _of_attitude(entry: Effect, context, centre, those):
     """Range per parameter of an effect on the attitude of some satellites.
 
     The orbit side of the residual holds -l . c with the measured line of sight. Star cameras late by a second measure
-    l = l_true - delay * turning; a rotation phi from true to measured attitude adds -phi . sum l x c.
+    l = l_true - delay * line_rate; a rotation phi from true to measured attitude adds -phi . sum l x c.
     """
     centre = centre * np.isin([0, 1], those)[:, None]
     if entry.channel == "sca_delay":
-        return -np.einsum("nka,ka->n", context.extra["turning"], centre)[:, None] * entry.columns(context)
+        return -np.einsum("nka,ka->n", context.extra["line_rate"], centre)[:, None] * entry.columns(context)
     arm = np.cross(context.extra["line_of_sight_b"], centre).sum(axis=1)
     return -np.einsum("na,naq->nq", arm, entry.columns(context))
 
