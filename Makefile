@@ -27,7 +27,7 @@ PYTEST := $(BIN)/python -m pytest -q -n 2 --dist loadfile --no-loadscope-reorder
 test: $(STAMP)  ## all tests but the long ones, ten minutes on two cores; files share their setup
 	@$(PYTEST) -m "not long"
 
-test-long: $(STAMP)  ## the long ones: effects hidden in whole records, mutated files, an installation; as long again
+test-long: $(STAMP)  ## the long ones: effects hidden in whole records, mutated files, the site; as long again
 	@$(PYTEST) -m long
 
 QUICK := tests/physics tests/estimation tests/effects tests/io tests/store tests/catalog tests/published \

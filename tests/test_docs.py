@@ -28,6 +28,7 @@ def site(tmp_path_factory):
     return out / "html"
 
 
+@pytest.mark.long
 def test_every_page_is_in_the_site_and_needs_no_network(site):
     """Contract: each page of docs, README and changes, one for each calibration reached from the first, the pictures.
 

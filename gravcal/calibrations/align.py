@@ -209,8 +209,7 @@ def _spans(pointed):
 
 def _least(lag, left):
     """Of some lags that at which a function, smooth over ten seconds, is least."""
-    rough = min(lag[::10], key=left)
-    return min(lag[np.abs(lag - rough) <= 10], key=left)
+    return min(lag[np.abs(lag - min(lag[::10], key=left)) <= 10], key=left)
 
 
 def _clear(lag, left):

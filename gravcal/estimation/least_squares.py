@@ -72,8 +72,7 @@ def covariance(information: np.ndarray) -> np.ndarray:
     scale = np.where(blank, 1.0, scale)
     size, vectors = np.linalg.eigh(information / np.outer(scale, scale))
     null = size <= 1e-12 * max(size.max(initial=0.0), 1e-300)
-    inverse = (vectors[:, ~null] / size[~null]) @ vectors[:, ~null].T
-    result = inverse / np.outer(scale, scale)
+    result = (vectors[:, ~null] / size[~null]) @ vectors[:, ~null].T / np.outer(scale, scale)
     lost = blank | (np.abs(vectors[:, null]).max(axis=1, initial=0.0) > 1e-6)
     result[lost, lost] = np.inf
     return result

@@ -8,7 +8,7 @@ from scipy.stats import chi2
 from gravcal import catalog
 from gravcal.calibrations.align import LATE_S, QUATERNION, late_of_pair
 from gravcal.calibrations.kbr_phase_centre import noise
-from gravcal.calibrations.kbr_phase_centre.observations import observe
+from gravcal.calibrations.kbr_phase_centre.observations import Ranging, observe
 from gravcal.discovery import attribution, driver
 from gravcal.discovery.problem import baseline_of, inverse_of, prepare
 from gravcal.estimation.quantities import result_of
@@ -155,3 +155,9 @@ def test_noise_of_star_cameras_in_the_columns_is_no_effect():
     gains = [attribution.gained(gram, place, problem.size)[:2] for place in problem.places]
     chance = [chi2.sf(gain, dof) for gain, dof in gains if dof]
     assert min(chance) * len(chance) > 1e-3
+
+
+def test_a_phase_break_alone_is_searched_once():
+    """Contract: it has no second order, and with readings about it left out a break of S/N 16 had no name."""
+    alone, both = [("ranging.phase_break", 246.0)], [("ranging.phase_break", 246.0), ("ranging.delay", 90.0)]
+    assert [Ranging.worth_another(None, gains, True) for gains in ([], alone, both)] == [False, False, True]

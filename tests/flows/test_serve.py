@@ -447,6 +447,7 @@ def test_a_server_that_ends_before_it_answers_is_started_again(monkeypatch):
         pass
 
 
+@pytest.mark.long
 @pytest.mark.usefixtures("_prefect")
 def test_the_deployments_run_on_a_server_and_a_work_pool(environment, events, tmp_path, monkeypatch):
     """Contract: prefect.yaml as it is, but for the calibration: deployed offline, run by a worker of a process pool."""

@@ -64,8 +64,7 @@ def find_waves(time: np.ndarray, current: np.ndarray, rod: int, settings: dict) 
     slack = settings["period_tolerance_s"] + step
     waves, group = [], []
     for run in plateaus(time, current, settings["current_threshold_ma"], 3 * step):
-        length = time[run[1]] - time[run[0]] + step
-        fits = abs(length - half) <= slack
+        fits = abs(time[run[1]] - time[run[0]] + step - half) <= slack
         follows = (
             bool(group)
             and group[-1][2] * run[2] < 0

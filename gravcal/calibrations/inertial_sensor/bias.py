@@ -143,8 +143,7 @@ def cut(time: np.ndarray, segment_s: float) -> tuple[float, list[slice]]:
     """
     step_s = float(np.median(np.diff(time[:1000]))) if time.size > 1 else segment_s
     length = int(round(segment_s / step_s))
-    breaks = np.flatnonzero(np.diff(time) > 1.5 * step_s) + 1
-    bounds = [0, *breaks.tolist(), time.size]
+    bounds = [0, *(np.flatnonzero(np.diff(time) > 1.5 * step_s) + 1).tolist(), time.size]
     starts = (range(a, b - length + 1, length) for a, b in zip(bounds[:-1], bounds[1:], strict=True))
     return step_s, [slice(first, first + length) for part in starts for first in part]
 

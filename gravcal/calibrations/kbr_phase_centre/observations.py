@@ -160,6 +160,10 @@ class Ranging(records.Observations):
         """Spacing s of the search for phase breaks."""
         return BREAK_STEP_S
 
+    def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
+        """True but for phase breaks, which have no second order: where one is taken out, readings about it are too."""
+        return any(cause != BREAK for cause, _ in gains)
+
     def without(self, model: Sequence[records.Entry]) -> xr.Dataset:
         """Aligned records without the effects of a model.
 
