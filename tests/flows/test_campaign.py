@@ -138,6 +138,7 @@ def test_a_campaign_is_one_prefect_flow_with_a_task_per_event(environment, event
     assert summary["counts"] == {"delivered": 3, "failed": 1}
 
 
+@pytest.mark.long
 def test_a_hundred_kills_leave_the_same_products(environment, events, store_folder, monkeypatch):
     """Contract: kill -9 at 100 random moments of campaigns; the next run ends with the same products, byte for byte."""
     kill = [sys.executable, str(SCRIPT), "kill", "100", "0.3", "campaign", "fakecal", "--data", str(events)]

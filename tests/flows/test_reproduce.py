@@ -35,6 +35,7 @@ TWO_DAYS = {
 }
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("name", TWO_DAYS)
 def test_a_paper_is_reproduced_from_an_archive(name, tmp_path, monkeypatch):
     """Contract: two days fetched, both runs beside print, each table and figure with rows, figures or a reason."""
