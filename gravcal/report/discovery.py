@@ -221,7 +221,7 @@ def _power(search):
         for which, (name, style) in zip(("before", "after"), STYLES["points"].items(), strict=True):
             panel.plot(place, search[f"power_{which}"].values[here], label=name, markersize=size, **style)
         _wide(panel)
-    named = enumerate(search.attrs["blocks"].split(", "), start=1)
+    named = enumerate(search.attrs["blocks"].split(", ")[: int(blocks.max()) + 1], start=1)  # that have bands
     named = {k: name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(k) for k, name in named}
     panel.set_xticks([*named][each - 1 :: each], [*named.values()][each - 1 :: each])
     return drawn
