@@ -180,10 +180,10 @@ class Place:
         return self.loss(chosen_by), plan, said
 
     def best(self, minutes, causes):
-        """Plan of the session with the least errors, beside those of the published one, and the errors of both."""
-        later, names = range(FLIGHTS + 1, FLIGHTS + 1 + MOST), set(self.limits["parameters"])
-        old, before = self.errors(self.one.design, later, causes, known=names)
-        plans, names = self.one.planning.sessions(self.limits, minutes * 60), names or set(old)
+        """Plan of the session with the least errors; errors and odds of causes (slugs) of it and the published one."""
+        judging_seeds, named = range(FLIGHTS + 1, FLIGHTS + 1 + MOST), set(self.limits["parameters"])
+        old, before = self.errors(self.one.design, judging_seeds, causes, known=named)
+        plans, names = self.one.planning.sessions(self.limits, minutes * 60), named or set(old)
         if not names <= set(old):
             refuse("parameters", ", ".join(names), f"of {', '.join(old)}", "Correct the constraint.")
         size = {name: sigma for name, (sigma, *_) in old.items() if name in names and sigma}
@@ -201,18 +201,18 @@ class Place:
         least = {name: min((e[name][0] for _, e, _ in tried if e[name][0]), default=None) for name in names - set(size)}
         sizes = size | {name: sigma for name, sigma in least.items() if sigma}  # the published one does not say these
         losses = [np.log(loss(errors, sizes)) + design.short(apart, wanted) for _, errors, apart in tried]
-        if not min(losses, default=np.inf) < np.inf:
+        if not sizes or named - set(sizes) or not min(losses, default=np.inf) < np.inf:
             shortfall = f"{len(plans)} sessions of {minutes} minutes, none of which tells all"
             refuse(f"design {self.one.name}", shortfall, "one that does", "Give more time or loosen a constraint.")
         plan = tried[int(np.argmin(losses))][0]
-        new, after = self.errors(plan, later, causes, known=names)
-        say = lambda one, apart: {  # noqa: E731
+        new, after = self.errors(plan, judging_seeds, causes, known=named)
+        summary = lambda one, apart: {  # noqa: E731
             "sigma": {name: sigma for name, (sigma, *_) in one.items()},
             "unit": {name: unit for name, (*_, unit) in one.items()},
             "trace": loss(one, size),
             "separated": _odds(apart, self.tied),
         }
-        return plan, say(new, after), say(old, before)
+        return plan, summary(new, after), summary(old, before)
 
     def errors(self, plan, seeds, causes=(), known=None):
         """Mean sigma, rms error and unit {value: ...} of the result in simulated flights; None: not determined.

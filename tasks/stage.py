@@ -275,7 +275,7 @@ def _origin(call, contents, stated, own):
 
 
 def _of_input(error, call):
-    """The error of a body; that equations cannot be solved is one of the numbers that were read."""
+    """Error to raise for one of a body: an EstimationError about its input where equations cannot be solved."""
     of_scipy = isinstance(error, ValueError) and "infs or NaNs" in str(error)  # asarray_chkfinite
     if not isinstance(error, np.linalg.LinAlgError) and not of_scipy:
         return error

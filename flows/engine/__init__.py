@@ -180,18 +180,19 @@ def remake(entry):
     with tempfile.TemporaryDirectory(prefix="gravcal-rebuild-") as folder:
         original = location.folder()
         with other_store(folder), one_thread():
-            made = _make(entry.ref.key, original, stages, {})
+            made = _remade(entry.ref.key, original, stages, {})
     return {"product": entry.ref.name, "equal": made.digest == entry.record["digest"], "stages": stages}
 
 
-def _make(key, original, stages, done):
+def _remade(key, original, stages, done):
+    """Product of a key made again from its record, once; a verdict on each goes to `stages`."""
     if key in done:
         return done[key]
     record = store.read_record(original / "objects" / key[:2] / key)
     if record is None:
         refuse(f"product {key[:12]}", f"that its record is no longer in {original}", "it", "Run its event again.")
     items = [
-        _raw_file(part, label) if "path" in part else _make(part["key"], original, stages, done)
+        _raw_file(part, label) if "path" in part else _remade(part["key"], original, stages, done)
         for part, label in store.inputs(record)
     ]
     recipe, (module, _, name) = record["recipe"], record["stage"].partition(":")

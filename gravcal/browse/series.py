@@ -242,7 +242,8 @@ def spectrum(whole):
     step = (x[last - 1] - x[first]) / (count - 1)
     length = min(SEGMENT, max(16, count // 4 if count > 1024 else count))
     frequency, power = welch(y[first:last], 1 / step, "hann", length, detrend="linear")
-    said = f"{HANN} of {length} samples, mean power of {2 * (count // length) - 1} that overlap by half (Welch), mean"
+    number = (count - length // 2) // (length - length // 2)
+    said = f"{HANN} of {length} samples, mean power of {number} that overlap by half (Welch), mean"
     said += f" and slope removed, step {step:.6g} s"
     return frequency[1:], np.sqrt(power[1:]), said
 

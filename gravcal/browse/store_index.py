@@ -139,12 +139,12 @@ def relatives(entry) -> list[tuple[housekeeping.Entry, list[str]]]:
     others = [one for one in entries() if one.ref.stage == entry.ref.stage and one.ref.key != entry.ref.key]
     own = [one for one in others if one.ref.event == entry.ref.event]
     strange = [one for one in others if one.ref.event != entry.ref.event and one.newest]
-    rows = [(one, history.apart(one.ref.key, entry.ref.key) or ["another run"]) for one in own]
+    rows = [(one, history.why_different(one.ref.key, entry.ref.key) or ["another run"]) for one in own]
     return rows[::-1] + [(one, [f"event {one.ref.event}"]) for one in strange[::-1]]
 
 
 def differing(products) -> dict[str, list[str]]:
-    """What tells each of some products from the delivered one of its stage and event, by key; [] of that itself.
+    """Why each product differs from the newest operational one of its stage and event, by key; [] for that itself.
 
     Of the last `TRACED` that differ in their inputs: why these differ. Where the stage was never delivered, the model.
     """
@@ -158,7 +158,7 @@ def differing(products) -> dict[str, list[str]]:
         reasons[key] = history.compared(delivered.record, one.record, ("made again",)) if delivered else []
         unknown = any(why.startswith("input ") for why in reasons[key]) if delivered else one.ref.event in modelled
         if traced < TRACED and unknown:
-            reasons[key] = history.apart(delivered and delivered.ref.key, key) or reasons[key]
+            reasons[key] = history.why_different(delivered and delivered.ref.key, key) or reasons[key]
             traced += 1
     return reasons
 

@@ -51,7 +51,7 @@ def gained(gram: np.ndarray, place: slice | np.ndarray, size: np.ndarray) -> tup
 
 
 def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
-    """Gain of adding the columns of a candidate to a projected Gram matrix."""
+    """Likelihood ratio of adding the columns of a candidate to a Gram matrix beside its baseline, as of `projected`."""
     gain, dof, factor = gained(gram, place, size)
     part = factor @ gram[place, 0]
     log_p = float(chi2_tail.log_tail(gain, dof)) if dof else 0.0

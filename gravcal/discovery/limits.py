@@ -102,16 +102,19 @@ class _Scored:
         count = np.where(self.listed, self.listed.sum(), (~self.listed).sum())
         share = np.where(self.listed, trials.SHARES["listed"], trials.SHARES["unknown"])
         self.limit = np.log(choice.level * share / count)
-        self.more = np.zeros(len(self.kept), dtype=int)  # parameters that a search along an axis has beside these
+        self.extra_dof = np.zeros(len(self.kept), dtype=int)  # parameters that a search along an axis has beside these
         for position, (dof, limit) in ((self.kept.index(k), tail) for k, tail in tails.items() if k in self.kept):
-            self.limit[position], self.more[position] = limit, max(dof - self.dof[position], 0)
+            self.limit[position], self.extra_dof[position] = limit, max(dof - self.dof[position], 0)
 
     def gains(self, right):
         """Gain (k, n) of every candidate for products (m, n) of the columns with a residual."""
         return np.add.reduceat((self.factor @ right) ** 2, self.starts, axis=0)
 
     def named(self, own: str, place: int):
-        """What the first round names where a column is added: own cause right (s, r), sets of causes, size of S/N 1."""
+        """First round with the column `place` added at S/N of -RATIOS and RATIOS; None if the calibration hides it.
+
+        Whether its own cause is named right (2, r), the sets of causes named, and its size at an S/N of one.
+        """
         column = self.gram[:, place]
         power = float(column[place])
         if power <= attribution.ROUNDING * self.problem.total[place, place]:
@@ -120,15 +123,15 @@ class _Scored:
         sizes = np.concatenate([-RATIOS, RATIOS]) * unit
         gains = self.gains(self.gram[:, :1] + column[:, None] * sizes)
         score = gains - trials.COST * self.dof[:, None]
-        more = self.more[:, None]
-        log_p = chi2_tail.log_tail(gains + more, self.dof[:, None] + more, self.choice.freedom)
+        extra = self.extra_dof[:, None]
+        log_p = chi2_tail.log_tail(gains + extra, self.dof[:, None] + extra, self.choice.freedom)
         score[log_p > self.limit[:, None]] = -np.inf
         known = np.where(self.listed[:, None], score, -np.inf)
         first = np.where(known.max(axis=0) > score.max(axis=0) - self.choice.tie / 2, known.argmax(0), score.argmax(0))
-        apart = np.maximum(power - self.gains(column[:, None])[:, 0], 0.0)  # left by each where the column is true
+        misfit = np.maximum(power - self.gains(column[:, None])[:, 0], 0.0)  # left by each where the column is true
         sets, right = [], []
         for n, winner in enumerate(first):
-            near = apart * sizes[n] ** 2 < self.choice.tie
+            near = misfit * sizes[n] ** 2 < self.choice.tie
             some = {str(c) for c in self.causes[near & self.listed]} if np.isfinite(score[winner, n]) else set()
             hit = np.isfinite(score[winner, n]) and (self.causes[winner] == own or near[winner])
             sets.append(some | {str(self.causes[winner])} if np.isfinite(score[winner, n]) else set())

@@ -181,10 +181,10 @@ def _whole(candidate):
 
 
 def _unnamed(result, named, width):
-    """Second moment (p, p) of what directions not seen of each cause that was not named would do to the calibration.
+    """Second moments {cause: (p, p)} of the error of the result by causes not named, in directions the data do not see.
 
-    Each cause of the catalogue is there with a probability of one in their number, and as large as its prior at most,
-    by the likelihood of what the data do see of it.
+    Each cause of the catalogue is there with a probability of one in their number; its size is at most its prior, by
+    the likelihood of the directions that the data see.
     """
     problem, causes = result.problem, {slug_of(c) for one in result.findings for c in (one.cause, *one.tied)}
     baseline, forms = baseline_of(problem, named), {}
@@ -194,14 +194,14 @@ def _unnamed(result, named, width):
             forms.setdefault(slug_of(candidate.cause), []).append(k)
     odds, moments = 1 / max(len(forms) - 1, 1), {}
 
-    def priced(known, gain):
+    def weights(known, gain):
         spread = 1 + np.outer(SIZES, known)
-        more = np.exp(np.minimum(np.sum(gain - np.log(spread) - gain / spread, axis=1) / 2, 300.0))
-        return SIZES, odds * more / more.size / (1 + odds * more.mean())
+        evidence = np.exp(np.minimum(np.sum(gain - np.log(spread) - gain / spread, axis=1) / 2, 300.0))
+        return SIZES, odds * evidence / evidence.size / (1 + odds * evidence.mean())
 
     for cause, rows in forms.items():
         if cause not in causes:
-            moments[cause] = sum(_unseen(problem, gram, baseline, k, width, priced) for k in rows) / len(rows)
+            moments[cause] = sum(_unseen(problem, gram, baseline, k, width, weights) for k in rows) / len(rows)
     return moments
 
 

@@ -426,7 +426,7 @@ def _largest(shape: Shape, beside):
     begun = np.clip(np.log(shape.tried), *np.transpose(limits))
     losses = [loss(u) for u in begun]
     first = begun[int(np.argmin(losses))]
-    if shape.sized and first.size == 1:  # between the neighbours of the best; its spread is looked at anew
+    if shape.sized and first.size == 1:  # between the neighbours of the best; `_with_spread` adds its error
         tried, best = begun[:, 0], int(np.argmin(losses))
         ends = tried[max(best - 1, 0)], tried[min(best + 1, tried.size - 1)]
         options = {"xatol": FIRST / 4, "maxiter": EVALUATIONS}

@@ -87,12 +87,12 @@ law("accelerometer.flexible_mode", "linear_b", _MODE, "elastic mounting", linear
 def deflection(time, drive, frequency, damping):
     """Oscillators (n, k) that follow their drives (n, k) of any unit, at rest at first.
 
-    Between two epochs the mean of both drives is held: that of one alone would come half a step late, which near the
-    own frequency looks like another one. Frequency in Hz, damping less than critical.
+    The mean of both drives is held between two epochs: a drive half a step late would look like another natural
+    frequency. Natural frequency in Hz, damping ratio below 1.
     """
     out = np.zeros(drive.shape)
-    own = 2 * np.pi * max(frequency, 1e-9)
-    decay, swing = damping * own, own * np.sqrt(1 - damping**2)
+    omega = 2 * np.pi * max(frequency, 1e-9)
+    decay, swing = damping * omega, omega * np.sqrt(1 - damping**2)
     for i in range(drive.shape[1]):
         x, v = 0.0, 0.0
         for k in range(1, time.size):
@@ -100,6 +100,6 @@ def deflection(time, drive, frequency, damping):
             c, s, fade = np.cos(swing * step), np.sin(swing * step), np.exp(-decay * step)
             away = x - target
             x = target + fade * (away * c + (v + decay * away) / swing * s)
-            v = fade * (v * c - (decay * v + own**2 * away) / swing * s)
+            v = fade * (v * c - (decay * v + omega**2 * away) / swing * s)
             out[k, i] = x
     return out

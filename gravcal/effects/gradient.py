@@ -76,10 +76,10 @@ def readings(about: Context, entry: Effect, law: Callable) -> dict[str, np.ndarr
 
 
 def added_to_channels(about: Context, entry: Effect) -> dict[str, np.ndarray]:
-    """What an effect adds to what sensors show of each other by each parameter, {channel: (n, 3, q)}, SI.
+    """Derivatives of the observables of a pair of sensors by the parameters of an effect, {channel: (n, 3, q)}, SI.
 
     Channels are the difference of both "linear" readings, the "attitude" by the star camera against the angular ones,
-    rad s-2, and the "torque" that gravity gradient and control leave, N m. Files hold minus a reading.
+    rad s-2, and the "torque" that gravity gradient and control leave, N m. Files hold minus a reading: hence the signs.
     """
     each = readings(about, entry, entry.columns)
     if "linear" in each:

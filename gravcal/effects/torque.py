@@ -49,16 +49,17 @@ def lagging(time, edges, dipole, missing, tau, leads):
 
 
 def lag_swing(edges: np.ndarray, dipole_b: np.ndarray, shift: float, time: np.ndarray, tau: float) -> np.ndarray:
-    """Dipole (n, 3) A m2 s2, twice integrated, of lagging rods less that of edges later by the lag; all shifted.
+    """Dipole integrated twice (n, 3) A m2 s2: of rods that lag by tau, less that of ideal ones with edges + shift.
 
-    A time t after its edge a jump D has turned the body by D (t2 / 2 - tau t + tau2 (1 - exp(-t / tau))), one that is
-    late by tau by D (t - tau)2 / 2 once it has happened.
+    Rods that lag start at edges + shift - tau: a jump D gives D (t2 / 2 - tau t + tau2 (1 - exp(-t / tau))), an ideal
+    rod D (t - tau)2 / 2 from tau on.
     """
     missing, jump = lag_missing(edges, dipole_b, tau)
     edges = edges + (shift - tau)
     last = np.searchsorted(edges, time, side="right") - 1
     since = np.where(last >= 0, time - edges[last], np.inf)[:, None]
-    early = np.where(since < tau, (np.minimum(since, tau) - tau) ** 2 / 2, 0.0) * jump[last]
+    after = time[:, None] - edges
+    early = np.where((after >= 0) & (after < tau), (after - tau) ** 2 / 2, 0.0) @ jump
     inside = ((last >= 0) & (last < len(dipole_b)))[:, None]
     settled = tau**2 / 2 * np.where(inside, dipole_b[np.clip(last, 0, len(dipole_b) - 1)], 0.0)
     return settled - tau**2 * missing[last] * np.exp(-since / tau) + early

@@ -295,9 +295,9 @@ def _alike(pieces):
 
 
 def _waves(values, columns, step_s):
-    """Tapered waves beside the columns of some pieces (g, n): squared products (m,), responses (m, NODES + 1), g (m,).
+    """Sine-multitaper ordinates of pieces (g, n) less columns: power (m,), its response (m, NODES + 1), g (m,).
 
-    The squares are those of all pieces together.
+    Power is that of all pieces together; the response, of one piece, is that to the density at each node.
     """
     good, count = np.isfinite(values[0]), values.shape[1]
     place, number = np.arange(count), np.arange(1, TAPERS + 1)

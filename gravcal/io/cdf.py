@@ -33,10 +33,10 @@ def files(folder: Path, satellite: str, date: str | None) -> list[archive.LevelO
     return [archive.LevelOneFile(one, None, "CDF", satellite, str(date), one.stem[-4:]) for one in newest]
 
 
-def read(file: archive.LevelOneFile) -> tuple[dict[str, np.ndarray], str]:
+def read(file: archive.LevelOneFile) -> tuple[dict[str, np.ndarray | int], str]:
     """Finite records without a flag as time (n,) s GPS, position_e (n, 3) m, field_n (n, 3) T, and their origin.
 
-    Beside them the number of records that have one.
+    "flagged" is the number of records with a flag, which are left out.
     """
     try:
         import cdflib

@@ -32,7 +32,7 @@ def between(calibration, names, wanted=lambda _: True):
         sides.append({one.ref.event: one for one in entries if path(one).is_file()})
     own, other = sides
     read = lambda one: json.loads(path(one).read_text())  # noqa: E731
-    why = lambda one, two: history.apart(one.ref.key, two.ref.key)  # noqa: E731
+    why = lambda one, two: history.why_different(one.ref.key, two.ref.key)  # noqa: E731
     pairs = [(e, read(own[e]), read(other[e]), why(own[e], other[e])) for e in sorted(own.keys() & other.keys())]
     return {
         "schema_version": VERSION,

@@ -193,9 +193,9 @@ def model_text(document, search, result) -> str:
 
 
 def _spans(search, law):
-    """First day, day after the last, and weights (1, k) of each stretch of time with one value; none of "each"."""
+    """First day, day after the last ("" if open) and weights (1, k) of each stretch of equal values; of "each" none."""
     weights, days = law.weights, [day(one.time) for one in search.events]
-    if law.scope not in ("constant", "epochs", "event"):  # known where it was measured only
+    if law.scope not in ("constant", "epochs", "event"):  # it follows what was measured: event by event
         after = [str(datetime.date.fromisoformat(d) + datetime.timedelta(1)) for d in days]
         return [(a, b, w[None]) for a, b, w in zip(days, after, weights, strict=True) if w.any()]
     cuts = [0, *(np.flatnonzero(np.any(np.diff(weights, axis=0), axis=1)) + 1), len(days)]
@@ -267,7 +267,7 @@ def _values(document):
 
 
 def page(document, moves, history) -> str:
-    """Page of a joint search."""
+    """Page of a joint search; without moves (of the calibration from event to event) there is no section of them."""
     drawn = replace(_motion_figure, arguments=(document, moves, history))
     ties = [{"named": one["cause"]} | tie for one in document["causes"] for tie in one["separation"]]
     shared_by, apart = [], []

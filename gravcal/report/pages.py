@@ -267,12 +267,12 @@ def render(template: str, **content) -> str:
     """Text of a template of this package; beside an event that was not measured printed values are marked."""
     origin = content.get("document", {}).get("origin", "measured")
     if origin != "measured":
-        content["sections"] = [_apart(section, origin) for section in content["sections"]]
+        content["sections"] = [_marked(section, origin) for section in content["sections"]]
     css = (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
     return environment(__package__, ".").get_template(template).render(css=css, **content)
 
 
-def _apart(section, origin):
+def _marked(section, origin):
     """Section whose tables and figures with printed values say that these are of other data."""
     mark = f" What is printed belongs to measured data, this event is {origin}."
 

@@ -17,6 +17,7 @@ from gravcal.estimation.noise import coloured, in_bands
 from gravcal.physics import constants, frames, orbit_environment
 from gravcal.simulation import added, flight, of_channels, sensors, within
 
+LEAST_PERIODS = 3  # of a sub-manoeuvre
 EDGE = 70.0  # s flown before and after the day, for the filters
 MILLI_HZ = (2.0, 60.0)  # where the noise of the range is that of orbit and ranging, no polynomial and no filter
 
@@ -139,13 +140,15 @@ def _planned(chosen):
 
 
 def sessions(limits: Mapping, seconds: float) -> list[list[dict]]:
-    """Wiggles that may be flown within some limits, as plans of four sub-manoeuvres of each satellite.
+    """Wiggles within some limits, as plans of four sub-manoeuvres of each satellite; none where time is too short.
 
     limits : angle_deg, rate_deg_s, period_s as of `gravcal design --constraints`; seconds : of all four
     """
     plans = []
     for period, share in itertools.product(np.atleast_1d(limits["period_s"]).tolist(), np.arange(6) / 6):
-        fixed = {"duration_s": period * max(int(seconds / 4 / period), 3), "period_s": period}
+        fixed = {"duration_s": period * int(seconds / 4 / period), "period_s": period}
+        if seconds < 4 * LEAST_PERIODS * period:
+            continue
         offset = round(float(share * limits["angle_deg"]), 3)
         amplitude = round(min(limits["angle_deg"] - offset, limits["rate_deg_s"] * period / (2 * np.pi)), 3)
         kinds = {"+pitch": 1, "-pitch": -1, "+yaw": 1, "-yaw": -1} if offset else {"pitch": 1, "yaw": 1}

@@ -129,7 +129,7 @@ def _extras(time, motion, scene):
 
 
 def context_of_steps(inner, parts: int, steps, around, states, dipole_b, scene) -> Context:
-    """What dipole and torque effects look at, at `parts` epochs inside each integration step."""
+    """What dipole and torque effects look at, at so many epochs inside each step; states are those at its start."""
     begin, state = steps.bound[:-1], states[:-1]
     R_bi, position_i = frames.R_bi_from_quaternion(state[:, :4]), around.at(begin, around.position_i)
     extra = orbit_environment.extras(begin, around.time, around.position_i, R_bi, scene.mass, scene.drag_b)

@@ -94,12 +94,12 @@ def _takes(settings, name):
     return name in settings or any(isinstance(one, dict) and _takes(one, name) for one in settings.values())
 
 
-def apart(old_key, new_key):
+def why_different(old_key, new_key):
     """Why two products of one stage differ, in all that they were made of: settings, versions, code, data and files.
 
-    The settings of a report repeat those of the stages before it: they are named once. So is the model, that of the
-    nearest product which has one; what it adds to a result and its moved copies follow from it. An old key of None is
-    a run without a model, of which nothing else is known.
+    Settings that a report repeats from the stages before it count once. Of models only that of the nearest ancestor
+    with one is compared: products "moved_*" and the settings "added" and "configuration" follow from it. An old key of
+    None is a run without a model, of which nothing else is known.
     """
     sides = [[one for one in store.ancestry(*[key] * bool(key)).values() if one] for key in (old_key, new_key)]
     moved = lambda one: one["recipe"]["variant"].startswith(MOVED)  # noqa: E731

@@ -82,8 +82,8 @@ def estimate(
 def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset:
     """Offset, information and mode shifts of every manoeuvre for one angular acceleration.
 
-    CoM paper eqs. 3-6 with generalised weights; erratum C-12 for the weights and the operator. Given are
-    "com_offset.equations" and "com_offset.noise".
+    CoM paper eqs. 3-6 with generalised weights; erratum C-12 for the weights and the operator. Products are
+    "com_offset.equations" and "com_offset.noise"; settings are drift_degree and noise_order.
     """
     equations = arrays(resampled)
     settings = settings | {"step_s": float(resampled.attrs["step_s"])}
@@ -95,7 +95,7 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
     if not noise:
         noise = _residual_noise(blocks, settings)
     level = measured["level"].values
-    louder = [[m.louder(f) for m, f in zip(noise, row, strict=True)] for row in level]
+    louder = [[m.louder(f) for m, f in zip(noise, row, strict=False)] for row in level]  # no noise, no block
     whitened = [_whitened(block, own) for block, own in zip(blocks, louder, strict=True)]
     scores = [None if w is None else w["score"] for w in whitened]
     values = _values(blocks, whitened, scores, _joint_offset(scores), resampled.sizes["mode_index"])
@@ -182,7 +182,7 @@ def _residual_noise(blocks, settings):
 
 
 def _values(blocks, whitened, scores, joint, modes):
-    """Estimating equations of every manoeuvre and the series they come from, drift removed."""
+    """Values of "solve": normal equations, chi-square and mode shifts of each manoeuvre; series less their drift."""
     count = len(blocks)
     table = {"offset": np.full((count, 3), np.nan), "right": np.zeros((count, 3)), "chi2": np.full(count, np.nan)}
     table |= {"normal": np.zeros((count, 3, 3)), "information": np.zeros((count, 3, 3))}
@@ -195,11 +195,11 @@ def _values(blocks, whitened, scores, joint, modes):
         A, Z = white["design"], white["instruments"]
         gain = least_squares.stable_inverse(score.information) @ (A if Z is None else Z).T
         residual = white["reading"] - A @ joint
-        unseen = 0.0 if Z is None else least_squares.project_out(Z, A @ joint)
-        extra = float(np.sum(unseen**2) / max(white["rows"], 1))  # noise of columns weakens it, modes act on the joint
+        left = 0.0 if Z is None else least_squares.project_out(Z, A @ joint)
+        column_noise = float(np.sum(left**2) / max(white["rows"], 1))  # variance, over that of the reading
         table["offset"][i] = score.determined(joint, DIRECTION_LIMIT_M)
         for name in ("right", "normal", "information"):
-            table[name][i] = getattr(score, name) / (1 + extra)
+            table[name][i] = getattr(score, name) / (1 + column_noise)
         table["mode_shift"][i] = np.array([-gain @ mode @ joint for mode in white["modes"]]).reshape(-1, 3)
         table["chi2"][i], table["dof"][i] = residual @ residual, white["dof"]
         valid = block["valid"]

@@ -25,7 +25,7 @@ from gravcal.physics import dynamics, frames, orbit_environment
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
 #: Between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain.
-STEP_S = 1.0
+STEP_S, ENDS_S = 1.0, 6.0
 DRAG = np.array([6e-8, 0.0, 0.0])  # m s-2, of the environment that effects look at
 PADS_S = 60.0  # of linear reading on either side of a manoeuvre
 SHOWN = 0.05  # share of the square of what a finding adds that lies beside the manoeuvre, from which on this is shown
@@ -290,9 +290,9 @@ def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings
 
 
 def _steps(one):
-    """Steps of the linear reading, {epoch: whitened rows (n, 3)}."""
+    """Unit steps of the linear reading, not within `ENDS_S` of its ends, {epoch s: whitened rows (n, 3)}."""
     grid = one.operator.time
-    epochs = np.arange(grid[0] + 6, grid[-1] - 6, STEP_S)
+    epochs = np.arange(grid[0] + ENDS_S, grid[-1] - ENDS_S, STEP_S)
     shapes = one.wide_operator((one.wide.time[:, None, None] >= epochs).astype(float))[:, 0]
     rows = np.zeros((one.size, epochs.size, 3))
     white = noises.whitened(one.noise["linear"], on_axes(shapes), one.valid["linear"])

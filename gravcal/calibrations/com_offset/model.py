@@ -83,7 +83,7 @@ def survey(aligned: xr.Dataset, checked: xr.Dataset) -> xr.Dataset:
 
 
 def _series(aligned, checked):
-    """Epochs, roll rate and integrated roll torque (current times field), both through the same operator."""
+    """Epochs s, roll rate rad s-1 and (current x field)_x integrated once mA T s, both through the same operator."""
     start = float(aligned["window_start"][0])
     stop = min(start + SURVEY_S, float(aligned["window_stop"][0]), float(aligned["time_mag"].values[-1]))
     time, quaternion = aligned["time_sca"].values, aligned["quaternion"].values

@@ -265,12 +265,12 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
 
     Attitudes (n, 4), b to i, and accelerations (n, 3) of the test mass relative to the satellite are NaN where not
     usable; orbit is R_oi (n, 3, 3) with rate_o and rate_dot_o (n, 3), free_test_mass (R_bi, rate_b) -> (n, 3) rad s-2
-    its acceleration when free. Sigmas (3,) are of each attitude and of each sample.
+    its acceleration when free. Sigmas (3,) are of each attitude and of each sample; knot_step is in s.
 
     Notes
     -----
     al_TM/B = al_TM - w_B'; equations.md, section 8.5. The rates come out consistent with the attitude. How slowly the
-    torque of each axis changes is what makes the record most likely; where readings deny it splines are free.
+    torque of each axis changes is what makes the record most likely; where readings deny it splines have no prior.
     """
     table = basis(time, knot_step)
     R_oi, *rates_o = orbit

@@ -60,7 +60,7 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
 
 
 def _context(modelled, drag, R_bi, position, settings):
-    """What effects look at, at the epochs of the record."""
+    """What effects look at, at the epochs of the record; drag_b is an acceleration, position (n, 3) m in i."""
     time, satellite = modelled["time"].values, settings["satellite"]
     R_ei = earth.R_ei(time)
     position_e, R_be = np.matvec(R_ei, position), R_bi @ np.swapaxes(R_ei, 1, 2)
@@ -203,7 +203,7 @@ class GradientTorque(Observations):
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Record without the effects of a model, so that the baseline describes what is left.
 
-        A torque turns the satellite itself: the readings keep it, and the torque balance is told.
+        A torque turns the satellite itself: the readings keep it, and the product has it as "torque" for the balance.
         """
         extended = self.record.copy(deep=True)
         for entry in model:

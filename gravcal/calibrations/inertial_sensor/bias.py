@@ -204,7 +204,7 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
 def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, segment_s: float, limits) -> Segments:
     """Constants of every segment of the bins of `align.reduced`, several spans joined; NaN where bins are missing.
 
-    Limits are the largest scatter of the roll rate and the least share of samples of a segment that is used.
+    Limits of a segment that is used: largest relative scatter of the roll rate, least share of samples in a bin.
     """
     (step_s, parts), (uniform, share) = cut(bins["time"], segment_s), limits
     used = np.zeros(len(parts), dtype=bool)

@@ -5,17 +5,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
-from scipy.special import chdtrc
 
 from gravcal.calibrations.causes import on_axes
 from gravcal.calibrations.inertial_sensor import align, model
 from gravcal.calibrations.inertial_sensor.align import SCHEMAS
+from gravcal.calibrations.inertial_sensor.noise import of_tracker, quiet_blocks, quiet_edges, spectra_of
 from gravcal.calibrations.schemas import build
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import crn, least_squares
 from gravcal.estimation import estimate as estimating
-from gravcal.estimation.noise import STEADY, NoiseModel, Spectrum, fit_spectrum, whiten
+from gravcal.estimation.noise import NoiseModel, whiten
 from gravcal.estimation.resampling import bin_means
 from gravcal.physics import frames, gravity, sensing
 
@@ -25,10 +25,6 @@ ARMS_X = (8.00e-3, 10.45e-3)  # m, erratum T-5: Table 1 prints the first, every 
 CAUSES = ("beta", "mass", "inertia", "arm")  # of the errors of k_x and k_z
 FILTER = crn.Crn(window_s=30.0, bandwidth_hz=0.1, convolutions=5)  # of the published method
 CHOICES = ((0, 1, 2), (0, 2))  # linear axes used: all, and without a_y, whose factor is that of the ground
-#: Lowest frequency at which the noise of the tracker shows beside the motion, knots of its spectrum, probability below
-#: which that is not flat.
-MOTION_HZ, KNOTS, FLAT = 0.015, 4, 1e-3
-NOISE_KNOTS = 6  # of the spectra of the linear readings
 ROUNDS = 4  # of a fit that converges in three
 #: What a factor scales, angular accelerations and linear readings by axis: beta_x acts on w'_x and k_z together,
 #: beta_y on w'_y, w'_z and k_x (erratum T-11); the ratios are J/(M l).
@@ -169,56 +165,8 @@ def swing_of(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: 
         inertia=inertia,
         voltage_variance=variance,
         tracker_variance=variance_att,
-        tracker_noise=_coloured(tracker, variance_att, edges.size - 1, bin_s),
+        tracker_noise=of_tracker(tracker, variance_att, edges.size - 1, bin_s),
     )
-
-
-def _coloured(bins, variance, count, step_s):
-    """Covariance (3, count) of bins of the tracker so far apart, over that of its samples if their noise is white.
-
-    One and zeros where their spectrum is flat, as far as is known. Bins are means (n, 3) and numbers (n,) of samples.
-    A polynomial stands for the motion, below the lowest knot of the spectrum; a bin that is not full has another epoch.
-    """
-    covariance, samples = np.eye(1, count)[np.zeros(3, dtype=int)], max(np.max(number) for _, number in bins)
-    whole = [np.where((number == samples)[:, None], values, np.nan) for values, number in bins if len(number) > 100]
-    whole = [one for one in whole if np.isfinite(one).all(axis=1).mean() > 0.9]
-    knots = np.geomspace(MOTION_HZ, 0.5 / step_s, KNOTS)
-    for axis in range(3 if whole else 0):
-        parts = [(values[:, axis], len(values), int(2 * len(values) * step_s * MOTION_HZ)) for values in whole]
-        rows = [(one, least_squares.polynomial(np.arange(n), degree, 0, n - 1)) for one, n, degree in parts]
-        spectrum = fit_spectrum(rows, step_s, knots)
-        away = spectrum.log_density - spectrum.log_density.mean()
-        if not chdtrc(KNOTS - 1, away @ np.linalg.solve(spectrum.covariance, away)) > FLAT:
-            density = spectrum.density(np.fft.rfftfreq(8 * count, step_s))
-            covariance[axis] = np.fft.irfft(density)[:count] / (2 * step_s) * samples / variance[axis]
-    return covariance
-
-
-def quiet_edges(aligned: xr.Dataset, bin_s: float, margin_s: float, first: float | None = None) -> list[np.ndarray]:
-    """Edges s of the bins before and after the swing, of each where there are more than twenty.
-
-    Bins that go on from a first edge s have the aliases of fast lines in the phases of the others.
-    """
-    ends = aligned.time.values[[0, -1]]
-    spans = ((ends[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, ends[1]))
-    spans = [(a if first is None else a + (first - a) % bin_s, b) for a, b in spans]
-    return [a + bin_s * np.arange(np.floor((b - a) / bin_s) + 1) for a, b in spans if b - a > 20 * bin_s]
-
-
-def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, *bins: float) -> list[np.ndarray]:
-    """Means over `quiet_edges` of values (n, m), less a cubic of each side, NaN where samples are missing."""
-    values = np.where((aligned.flag.values == 2).any(axis=1, keepdims=True), np.nan, values)
-    blocks = [bin_means(aligned.time.values, values, one)[0] for one in quiet_edges(aligned, *bins)]
-    for block in blocks:
-        good = np.isfinite(block).all(axis=1)
-        block[good] = least_squares.project_out(cubic(len(block))[good], block[good])
-        block[~good] = np.nan
-    return blocks
-
-
-def cubic(count: int) -> np.ndarray:
-    """Columns (count, 4) of the slow part of quiet data."""
-    return least_squares.polynomial(np.arange(count), 3, 0, count - 1)
 
 
 def _motion(prepared, fitted):
@@ -343,8 +291,8 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     record = record_of(aligned, scaled, quiet_margin_s, drift_degree, noise_order)
     k = scaled.k.values[int(scaled.chosen_arm)]
     tensor = published_offset_matrix if method == "published" else sensing.offset_tensor
-    beta, ratio = scaled.beta_sigma.values / scaled.beta.values, scaled.ratio_relative_sigma.values
-    relative = np.array([*beta[:2], *ratio[:2], scaled.k_sigma.values[0, 1] / scaled.k.values[0, 1]])
+    beta_error, ratio_error = scaled.beta_sigma.values / scaled.beta.values, scaled.ratio_relative_sigma.values
+    relative = np.array([*beta_error[:2], *ratio_error[:2], scaled.k_sigma.values[0, 1] / scaled.k.values[0, 1]])
     fits = [fit_offset(record, k, axes, tensor) for axes in CHOICES]
     shift = np.array([shifts(record, k, axes) * relative[:, None] for axes in CHOICES])
     covariance = np.array([one.covariance for one in fits])
@@ -355,7 +303,7 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
     white = np.stack([whiten(model, rows[:, a], good) for a, model in enumerate(record.noise)], axis=1)
     white = white.reshape(-1, rows.shape[2])
     observed, design = white[:, 0], white[:, 1:]
-    start, rows = least_squares.free_start(design, 1.0), np.arange(record.time.size) * 3 + 2
+    start, last_row = least_squares.free_start(design, 1.0), np.arange(record.time.size) * 3 + 2  # of a bin
     run = least_squares.filter_constants(observed, design, np.zeros(design.shape[1]), start, 1.0)
     factor, factor_sigma, factor_total = factor_y(record, k, relative[:4])
     values = {
@@ -373,8 +321,8 @@ def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, d
         "time_bin": record.time,
         "reading": least_squares.project_out(record.trend, np.nan_to_num(k * record.linear_volt)),
         "model": least_squares.project_out(record.trend, np.matvec(columns, fits[0].value)),
-        "filter_value": run.value[rows, :3],
-        "filter_sigma": run.sigma[rows, :3],
+        "filter_value": run.value[last_row, :3],
+        "filter_sigma": run.sigma[last_row, :3],
     }
     return build(SCHEMAS["offset"], values, causes=" ".join(FACTORS), direction="com_to_test_mass", method=method)
 
@@ -395,13 +343,6 @@ def record_of(aligned: xr.Dataset, scaled: xr.Dataset, quiet_margin_s: float, de
         noise=tuple(one.model(order, step) for one in spectra),
         degree=degree,
     )
-
-
-def spectra_of(blocks: list[np.ndarray], step_s: float) -> tuple[Spectrum, ...]:
-    """Spectra of the axes of quiet blocks (n, 3) less a cubic each, down to the length of one, with their errors."""
-    knots = np.geomspace(1 / (step_s * max(map(len, blocks))), 0.5 / step_s, NOISE_KNOTS)
-    each = ([(one[:, a], cubic(len(one))) for one in blocks] for a in range(3))
-    return tuple(fit_spectrum(one, step_s, knots, STEADY) for one in each)
 
 
 def fit_offset(

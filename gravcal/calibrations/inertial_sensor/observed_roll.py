@@ -13,13 +13,12 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.inertial_sensor import bias as segments
+from gravcal.calibrations.inertial_sensor import noise
 from gravcal.calibrations.inertial_sensor.observed_swing import waves_of
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.effects.drivers import products, waves
-from gravcal.estimation import noise
-from gravcal.estimation.least_squares import orthonormal
-from gravcal.estimation.noise import Levels
+from gravcal.estimation.noise import Levels, NoiseModel, changing_levels, unwhiten, whitened
 from gravcal.estimation.records import Block
 
 CHANNEL, CONSTANT = "roll", "constant"
@@ -69,46 +68,20 @@ class RollView:
         return np.sqrt(np.maximum(variance, np.mean(biased["segment_sigma"].values[used] ** 2, axis=0)))
 
     @functools.cached_property
-    def noise(self) -> tuple[list[noise.NoiseModel], Levels]:
-        """Noise of each axis: a sum of power laws, which goes on where the amplitudes of a segment leave nothing.
+    def noise(self) -> tuple[list[NoiseModel], Levels]:
+        """Noise of each axis, measured beside the amplitudes of a segment and every form that is tried.
 
-        With it comes its amplitude in the bins (s b, 3), one unless it changes along the record. It is fitted to
-        periodograms of all segments, those that touch joined, of what is left beside the amplitudes and every form that
-        is tried; power laws are drawn and go through the same. Constants and trends are noise here, a jump is none.
+        With it comes its amplitude in the bins (s b, 3), one unless it changes along the record.
         """
         squares = (self.steady / np.abs(self.steady).max(axis=(0, 1))) ** 2
         count = np.rint((self.time - self.time[0, 0]) / self.step_s).astype(int)
         slow = np.polynomial.legendre.legvander(2 * count / count.max() - 1, 2)
         forms = [np.atleast_3d(values) for _, _, values in self.series()]
         shared, turning = np.concatenate([slow, *forms, squares], axis=2), 1 + self.settings["trend_degree"]
-        joined = np.split(np.arange(len(count)), np.flatnonzero(np.diff(count[:, 0]) > count.shape[1]) + 1)
-        left, models, rests = self.reading - np.matvec(self.tensor, self.start[3:]), [], []
-        for axis in range(3):
-            own = [orthonormal(design[axis][:, 0 if axis == 1 else turning :], 1e-6) for design in self.designs]
-
-            def beside(forms, own=own):
-                """Function values (s, b, d) -> what is left beside forms (s, b, f), in runs of segments (n, d)."""
-                local = lambda one: np.stack([v - q @ (q.T @ v) for v, q in zip(one, own, strict=True)])  # noqa: E731
-                basis = orthonormal(local(forms).reshape(count.size, -1), 1e-6)
-
-                def clean(values):
-                    flat = local(values).reshape(count.size, -1)
-                    rest = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
-                    return [rest[run].reshape(-1, values.shape[2]) for run in joined]
-
-                return clean
-
-            def with_jumps(places, beside=beside):
-                columns = noise.jump_columns(count.size, places).reshape(*count.shape, -1)
-                return beside(np.concatenate([shared, columns], axis=2))
-
-            here = left[:, :, axis, None]
-            jumps = noise.jumps(lambda places, w=with_jumps, one=here: np.concatenate(w(places)(one))[:, 0])
-            models.append(noise.power_laws(here, with_jumps(jumps), count, self.step_s))
-            runs = [noise.whiten(models[-1], run[:, 0], np.ones(len(run), bool)) for run in with_jumps(jumps)(here)]
-            rests.append(np.concatenate(runs))
-        lost = len(count) * self.designs[0][0].shape[1] + shared.shape[2]
-        return models, noise.changing_levels(np.stack(rests, axis=1), lost)
+        local = [[design[a][:, 0 if a == 1 else turning :] for design in self.designs] for a in range(3)]
+        left = self.reading - np.matvec(self.tensor, self.start[3:])
+        models, rests = noise.of_segments(left, local, shared, count, self.step_s)
+        return models, changing_levels(rests, len(count) * self.designs[0][0].shape[1] + shared.shape[2])
 
     def rows(self, added: np.ndarray, first: int = 0) -> list[np.ndarray]:
         """Whitened rows (3 b + 3, q) of segments from one on, of what is added to linear readings (s, b, 3, q) m s-2.
@@ -117,13 +90,13 @@ class RollView:
         """
         (models, level), whole = self.noise, np.ones(added.shape[1], dtype=bool)
         level = level.value.reshape(*self.time.shape, 3).swapaxes(1, 2).reshape(len(self.time), -1, 1)[first:]
-        white = [noise.whitened(models, one, whole) / louder for one, louder in zip(added, level, strict=False)]
+        white = [whitened(models, one, whole) / louder for one, louder in zip(added, level, strict=False)]
         return [np.concatenate([one, np.zeros((3, added.shape[3]))]) for one in white]
 
     def blocks(self, parameters: Sequence[str], width: int, *, alone: bool) -> list[Block]:
-        """Each segment; bias and offset are among the first of so many global columns, whose names are given.
+        """A block for each segment with `width` global columns; those of bias, offset and factors by their parameters.
 
-        Alone, without a swing that knows the offset, one block more says what is known of an assumed one: little.
+        Alone, without a swing that gives the offset, a last block holds its prior, of UNKNOWN_M.
         """
         (count, size), places = self.time.shape, [parameters.index(name) for name in self.parameters]
         left = self.reading - np.matvec(self.tensor, self.start[3:]) + self.start[:3]
@@ -214,7 +187,7 @@ class RollView:
         """Time s, linear reading (n, 3) m s-2 of the baseline, whitened rows (3 n, q), axis by axis, in its unit."""
         (models, level), whole = self.noise, np.ones(self.time.shape[1], dtype=bool)
         each = rows.reshape(3, *self.time.shape, -1) * level.value.T.reshape(3, *self.time.shape, 1)
-        columns = [[noise.unwhiten(models[a], one, whole) for one in each[a]] for a in range(3)]
+        columns = [[unwhiten(models[a], one, whole) for one in each[a]] for a in range(3)]
         columns = np.moveaxis(np.array(columns).reshape(3, self.time.size, -1), (2, 1, 0), (0, 1, 2))
         model = np.matvec(self.tensor, self.start[3:]) - self.start[:3]
         return self.time.ravel(), model.reshape(-1, 3), columns

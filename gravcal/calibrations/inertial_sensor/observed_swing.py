@@ -14,15 +14,8 @@ from scipy.linalg import block_diag, solve_triangular
 
 from gravcal.calibrations.causes import on_axes
 from gravcal.calibrations.inertial_sensor import model as fits
-from gravcal.calibrations.inertial_sensor.estimate import (
-    Record,
-    cubic,
-    quiet_blocks,
-    quiet_edges,
-    record_of,
-    spectra_of,
-    swing_of,
-)
+from gravcal.calibrations.inertial_sensor.estimate import Record, record_of, swing_of
+from gravcal.calibrations.inertial_sensor.noise import cubic, quiet_blocks, quiet_edges, spectra_of
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.effects.base import Context
 from gravcal.estimation import noise

@@ -31,13 +31,13 @@ def of_inputs(
     nominal_m (2, 3) m the phase centres of the catalogue.
     """
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
-    radius = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS
+    height = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS
     apart = pointed["range_com"].values
     tests = []  # positions against velocities of every file, and the products of a satellite against each other
     for letter in sorted({one.attrs["satellite"] for one in orbits}):
         own = [one for one in orbits if one.attrs["satellite"] == letter]
-        rate = max(checks.velocity_error(t, s[:, :3], s[:, 3:]) for t, s in (usable(one, STATE) for one in own))
-        tests.append(at_most(f"orbit {letter}, position against velocity", rate, limits["velocity_limit_m_s"], "m s-1"))
+        off = max(checks.velocity_error(t, s[:, :3], s[:, 3:]) for t, s in (usable(one, STATE) for one in own))
+        tests.append(at_most(f"orbit {letter}, position against velocity", off, limits["velocity_limit_m_s"], "m s-1"))
         names = list(dict.fromkeys(one.attrs["product"] for one in own))
         if len(names) > 1:
             states = [[align.states(one) for one in own if one.attrs["product"] == name] for name in names]
@@ -46,17 +46,17 @@ def of_inputs(
     tests += [
         at_least("separation, smallest", 1e-3 * np.nanmin(apart), limits["separation_minimum_km"], "km"),
         at_most("separation, largest", 1e-3 * np.nanmax(apart), limits["separation_maximum_km"], "km"),
-        at_least("height, smallest", 1e-3 * np.nanmin(radius), limits["height_minimum_km"], "km"),
-        at_most("height, largest", 1e-3 * np.nanmax(radius), limits["height_maximum_km"], "km"),
+        at_least("height, smallest", 1e-3 * np.nanmin(height), limits["height_minimum_km"], "km"),
+        at_most("height, largest", 1e-3 * np.nanmax(height), limits["height_maximum_km"], "km"),
     ]
     tags = [f"{one} {letter}" for one in ("star camera", "orbit") for letter in pointed.attrs["satellites"]]
     late = zip(["ranging", *tags], np.abs(late_of_pair(aligned, pointed)), strict=True)
     tests += [at_most(f"tags of {name}, late", size, limits["late_limit_s"], "s") for name, size in late]
     tests += _of_pointing(aligned, pointed, limits) + _of_ranging(ranges, rates, nominal, limits)
     correction = aligned["antenna_correction"].values
-    if np.nanmax(np.abs(correction), initial=0.0) > 0.1:
-        epoch = np.clip(np.rint(aligned["time_kbr"].values - pointed["time"].values[0]), 0, pointed.sizes["time"] - 1)
-        own = model.antenna_correction(pointed["line_of_sight_b"].values[:, epoch.astype(int)], nominal)
+    if np.nanmax(np.abs(correction), initial=0.0) > 0.1:  # m: the file holds one, not zeros
+        second = np.clip(np.rint(aligned["time_kbr"].values - pointed["time"].values[0]), 0, pointed.sizes["time"] - 1)
+        own = model.antenna_correction(pointed["line_of_sight_b"].values[:, second.astype(int)], nominal)
         left = float(np.nanmedian(np.abs(correction - own)))
         tests.append(at_most("antenna correction of the file", 1e3 * left, limits["correction_limit_mm"], "mm"))
     return checks.product(tests)
@@ -73,7 +73,7 @@ def orbit_difference(first, second) -> float:
 
 
 def _of_pointing(aligned, pointed, limits):
-    """Both satellites look at each other with z down, and turn as fast as a satellite can."""
+    """Both satellites look at each other with z down, and turn no faster than the limit, from second to second."""
     time, angle = pointed["time"].values, pointed["angle"].values
     routine = ~in_windows(time, np.stack([pointed["start"].values, pointed["stop"].values], axis=1), NEAR)
     tests = []

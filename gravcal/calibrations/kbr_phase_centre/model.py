@@ -105,9 +105,10 @@ def angles(line_of_sight_b: np.ndarray) -> np.ndarray:
 
 
 def second_order(position_i: np.ndarray, quaternion: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-    """What the linear columns leave out of the range (n,) m, for phase centres near their nominal place (2, 3) m.
+    """What the linear columns leave out of the range (n,) m, of phase centres near their nominal place (2, 3) m in b.
 
-    |u + v| - |u| - e.v = |v_perp|^2 / (2 |u|), 13 nm at 3 deg and 220 km; equations.md M3.
+    |u + v| - |u| - e.v = |v_perp|^2 / (2 |u|), 13 nm at 3 deg and 220 km; equations.md M3. u = |u| e lies between the
+    centres of mass, from position_i (2, n, 3) m; v is what the phase centres add, by quaternion (2, n, 4).
     """
     u = position_i[1] - position_i[0]
     rho = np.linalg.norm(u, axis=1)

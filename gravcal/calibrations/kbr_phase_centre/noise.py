@@ -134,9 +134,9 @@ def passed(step_s: float) -> np.ndarray:
 
 
 def shapes(step_s: float, smoothed_hz: float = np.inf) -> np.ndarray:
-    """Densities of unit height below each corner, through the CRN filter, at `images`, (corner, 2, m).
+    """Power spectral densities 1 / (1 + (f / corner)^2) after the CRN filter, at `images`, (corner, 2, m).
 
-    That of white noise is what is left of it in lines of sight that are smoothed at a frequency.
+    The last corner lies beyond all frequencies: white noise, which lines of sight show through their own low-pass.
     """
     densities = passed(step_s) / (1 + (images(step_s) / CORNERS[:, None, None]) ** 2)
     # gain of `smoothed`, about 1 / (1 + (f / fc)^8), 0.9 at the frequency it keeps

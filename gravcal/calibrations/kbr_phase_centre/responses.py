@@ -28,7 +28,7 @@ from gravcal.estimation.records import Candidate, Shape, at_epoch
 from gravcal.estimation.resampling import Resampler
 from gravcal.physics import frames, orbit_environment
 
-BREAK = "ranging.phase_break"
+BREAK, PLAUSIBLE_M = "ranging.phase_break", 1e-2
 FAMILIES = ("ranging", "timing", "attitude")
 #: Searched for along the time axis; the calibration itself, once and as a share, of which noise is taken out before.
 NOT_HERE = (BREAK, "ranging.phase_centre", "ranging.antenna_correction", "attitude.star_camera_noise")
@@ -145,15 +145,15 @@ class Halves:
         return replace(whole.part(used, form), form=f"{whole.form}{form and ', '}{form}", shape=shape)
 
     def breaks(self, epochs: np.ndarray) -> list[Candidate]:
-        """Phase breaks at given epochs (k,) s of one sub-manoeuvre."""
+        """Steps of the range, through the ranging filter, at epochs (k,) s of one sub-manoeuvre."""
         near = [k for k, half in enumerate(self.parts) if any(half.feels(epoch) for epoch in epochs)]
         columns = {k: noise.white(self.factors[k], self._steps(self.parts[k], epochs)) for k in near}
         made = []
         for i, epoch in enumerate(epochs):
             parts = {k: columns[k][:, i : i + 1] for k in near if self.parts[k].feels(epoch)}
             form = f"{self.parts[min(parts)].label.rpartition(' ')[0]}, time {epoch:.0f} s"
-            parts = [parts.get(k) for k in range(len(self.parts) + 1)]  # none of what is known beforehand
-            made.append(Candidate(at_epoch(BREAK, epoch), form, ["size"], ["m"], parts, [1e-2]))
+            parts = [parts.get(k) for k in range(len(self.parts) + 1)]  # the last block, the prior, has none
+            made.append(Candidate(at_epoch(BREAK, epoch), form, ["size"], ["m"], parts, [PLAUSIBLE_M]))
         return made
 
     def _steps(self, half, epochs):

@@ -87,11 +87,11 @@ def report(
     event: str,
     settings: Mapping,
 ):
-    """Report product of a day and its files, from products named "part.stage" and what parts could not run for."""
+    """Report product of a day and its files, from products named "part.stage" and why parts did not run."""
     products = dict(zip(names, datasets, strict=True))
     searches = {part: products[f"{part}.discovery"] for part in pages if f"{part}.discovery" in products}
     if _of_other_times({part: outcome_of(one) for part, one in searches.items()}):
-        products.pop("accelerometer.discovery", None)
+        products.pop("accelerometer.discovery", None)  # void: it is held against records of other times
     instruments, sections, parameters, checked = {}, [], {}, []
     for part, own in pages.items():
         if f"{part}.estimate" not in products:
@@ -117,7 +117,7 @@ def report(
 
 
 def _instrument(part, own, mine):
-    """Part of the document, and section, of one instrument."""
+    """Part of the document, and section, of one instrument, from its page and its products by stage."""
     facts, shown = own.content(mine)
     more, _ = own.more(mine)
     known = document(mine["estimate"])
@@ -167,10 +167,10 @@ def discovered(*searches, parts: Mapping, missing: Mapping[str, str], reported: 
 
     Parts are {part: calibration, event and settings}, missing {part: why it has none}, reported {part: Reported}.
     """
-    apart = _of_other_times({p: outcome_of(one) for p, one in zip(parts, searches, strict=True)})
+    void = _of_other_times({p: outcome_of(one) for p, one in zip(parts, searches, strict=True)})
     searched = {part: (known, one) for (part, known), one in zip(parts.items(), searches, strict=True)}
-    if apart and searched.pop("accelerometer", None):
-        missing = {**missing, "accelerometer": apart}
+    if void and searched.pop("accelerometer", None):
+        missing = {**missing, "accelerometer": void}
     state = {part: {"status": "no_data", "said": why} for part, why in missing.items()}
     sections, files, findings, products = [], {}, [], {}
     for part, (known, one) in searched.items():
@@ -184,18 +184,18 @@ def discovered(*searches, parts: Mapping, missing: Mapping[str, str], reported: 
         if outcome.findings and "model" in known["settings"]:
             files[f"{part}.toml"] = discovery.model_text(outcome.findings, known["event"])
     sections += [Section(title(part), notes=[f"Not searched: {why}."]) for part, why in missing.items()]
-    searched = {part: one for part, one in state.items() if part in searched}
-    said = [f"{title(part)}: {one['verdict']['text']}" for part, one in searched.items()]
+    results = {part: one for part, one in state.items() if part in searched}
+    said = [f"{title(part)}: {one['verdict']['text']}" for part, one in results.items()]
     said += [f"{title(part)}: not searched, {why}." for part, why in missing.items()]
     body = {
-        "status": max((one["status"] for one in searched.values()), default="no_data"),  # questionable if one is
+        "status": max((one["status"] for one in results.values()), default="no_data"),  # questionable if one is
         "kind": "discovery",
         "verdict": {"text": " ".join(said)},
         "findings": findings,
-        **{when: all(one[when] for one in searched.values()) for when in ("adequate_before", "adequate_after")},
+        **{w: bool(results) and all(one[w] for one in results.values()) for w in ("adequate_before", "adequate_after")},
         "parts": state,
-        "gain": {part: one["gain"] for part, one in searched.items()},
-        "unexplained": {part: one["unexplained"] for part, one in searched.items() if one["unexplained"]},
+        "gain": {part: one["gain"] for part, one in results.items()},
+        "unexplained": {part: one["unexplained"] for part, one in results.items() if one["unexplained"]},
         "indistinguishable_from_calibration": [],
         "calibration_change": {},
     }

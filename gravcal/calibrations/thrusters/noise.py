@@ -165,9 +165,9 @@ def heads(observed: xr.Dataset, *, mounting, block_s: float, parts: int) -> xr.D
     ranges = [[one for one, g in zip(pieces, group, strict=True) if g == number] for number in np.unique(group)]
     value, covariance, *agreement = _solved(ranges, every, axes_b, block_s)
     each = [_solved([part], every, axes_b, block_s) for part in ranges]
-    biases, noises = 3 * max(len(every) - 1, 0), [f"{head}_{axis}" for head in every for axis in "xyz"]
-    solution = {"parameter": [f"bias_{one}" for one in noises[3:]]}
-    solution["parameter"] += [f"noise_{one}_{band}" for band in BANDS_HZ for one in noises]
+    biases, labels = 3 * max(len(every) - 1, 0), [f"{head}_{axis}" for head in every for axis in "xyz"]
+    solution = {"parameter": [f"bias_{one}" for one in labels[3:]]}
+    solution["parameter"] += [f"noise_{one}_{band}" for band in BANDS_HZ for one in labels]
     solution |= {"unit": ["rad"] * biases + ["rad Hz-1/2"] * (value.size - biases)}
     solution |= {"value": value, "sigma": np.sqrt(np.diag(covariance)), "covariance": covariance}
     solution |= {"part_start": [part[0][0] for part in ranges], "blocks": len(pieces)}

@@ -9,7 +9,8 @@ from numpy.testing import assert_allclose
 
 from gravcal import catalog
 from gravcal.calibrations.inertial_sensor import align, bias, responses
-from gravcal.calibrations.inertial_sensor.estimate import Record, cubic, factor_y, published_offset_matrix, spectra_of
+from gravcal.calibrations.inertial_sensor.estimate import Record, factor_y, published_offset_matrix
+from gravcal.calibrations.inertial_sensor.noise import cubic, spectra_of
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.estimation import noise
 from gravcal.estimation.noise import coloured

@@ -1,0 +1,121 @@
+"""Noise of an inertial sensor: of its readings and tracker in quiet data beside a swing, and of a roll."""
+
+from collections.abc import Sequence
+
+import numpy as np
+import xarray as xr
+from scipy.special import chdtrc
+
+from gravcal.estimation import least_squares
+from gravcal.estimation.least_squares import orthonormal
+from gravcal.estimation.noise import (
+    STEADY,
+    NoiseModel,
+    Spectrum,
+    fit_spectrum,
+    jump_columns,
+    jumps,
+    power_laws,
+    whiten,
+)
+from gravcal.estimation.resampling import bin_means
+
+#: Lowest frequency at which the noise of the tracker shows beside the motion, knots of its spectrum, probability below
+#: which that is not flat.
+MOTION_HZ, KNOTS, FLAT = 0.015, 4, 1e-3
+READING_KNOTS = 6  # of the spectra of the linear readings
+
+
+def quiet_edges(aligned: xr.Dataset, bin_s: float, margin_s: float, first: float | None = None) -> list[np.ndarray]:
+    """Edges s of the bins before and after the swing, of each where there are more than twenty.
+
+    Bins that go on from a first edge s have the aliases of fast lines in the phases of the others.
+    """
+    ends = aligned.time.values[[0, -1]]
+    spans = ((ends[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, ends[1]))
+    spans = [(a if first is None else a + (first - a) % bin_s, b) for a, b in spans]
+    return [a + bin_s * np.arange(np.floor((b - a) / bin_s) + 1) for a, b in spans if b - a > 20 * bin_s]
+
+
+def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, *bins: float) -> list[np.ndarray]:
+    """Means over `quiet_edges` of values (n, m), less a cubic of each side, NaN where samples are missing."""
+    values = np.where((aligned.flag.values == 2).any(axis=1, keepdims=True), np.nan, values)
+    blocks = [bin_means(aligned.time.values, values, one)[0] for one in quiet_edges(aligned, *bins)]
+    for block in blocks:
+        good = np.isfinite(block).all(axis=1)
+        block[good] = least_squares.project_out(cubic(len(block))[good], block[good])
+        block[~good] = np.nan
+    return blocks
+
+
+def cubic(count: int) -> np.ndarray:
+    """Columns (count, 4) of the slow part of quiet data."""
+    return least_squares.polynomial(np.arange(count), 3, 0, count - 1)
+
+
+def spectra_of(blocks: list[np.ndarray], step_s: float) -> tuple[Spectrum, ...]:
+    """Spectra of the axes of quiet blocks (n, 3) less a cubic each, down to the length of one, with their errors."""
+    knots = np.geomspace(1 / (step_s * max(map(len, blocks))), 0.5 / step_s, READING_KNOTS)
+    each = ([(one[:, a], cubic(len(one))) for one in blocks] for a in range(3))
+    return tuple(fit_spectrum(one, step_s, knots, STEADY) for one in each)
+
+
+def of_tracker(
+    bins: Sequence[tuple[np.ndarray, np.ndarray]], variance: np.ndarray, count: int, step_s: float
+) -> np.ndarray:
+    """Covariance (3, count) of bins of the tracker so far apart, over that of its samples if their noise is white.
+
+    One and zeros where their spectrum is flat, as far as is known. Bins are means (n, 3) and numbers (n,) of samples.
+    A polynomial stands for the motion, below the lowest knot of the spectrum; a bin that is not full has another epoch.
+    """
+    covariance, samples = np.eye(1, count)[np.zeros(3, dtype=int)], max(np.max(number) for _, number in bins)
+    whole = [np.where((number == samples)[:, None], values, np.nan) for values, number in bins if len(number) > 100]
+    whole = [one for one in whole if np.isfinite(one).all(axis=1).mean() > 0.9]
+    knots = np.geomspace(MOTION_HZ, 0.5 / step_s, KNOTS)
+    for axis in range(3 if whole else 0):
+        parts = [(values[:, axis], len(values), int(2 * len(values) * step_s * MOTION_HZ)) for values in whole]
+        rows = [(one, least_squares.polynomial(np.arange(n), degree, 0, n - 1)) for one, n, degree in parts]
+        spectrum = fit_spectrum(rows, step_s, knots)
+        away = spectrum.log_density - spectrum.log_density.mean()
+        if not chdtrc(KNOTS - 1, away @ np.linalg.solve(spectrum.covariance, away)) > FLAT:
+            density = spectrum.density(np.fft.rfftfreq(8 * count, step_s))
+            covariance[axis] = np.fft.irfft(density)[:count] / (2 * step_s) * samples / variance[axis]
+    return covariance
+
+
+def of_segments(
+    left: np.ndarray, local: Sequence[Sequence[np.ndarray]], shared: np.ndarray, count: np.ndarray, step_s: float
+) -> tuple[list[NoiseModel], np.ndarray]:
+    """Noise of each axis of a roll as a sum of power laws, and what is left, whitened with it (s b, 3).
+
+    It is fitted to periodograms of all segments, those that touch joined, of what is left (s, b, 3) beside columns of
+    each axis and segment (b, p) and shared ones (s, b, f); power laws are drawn and go through the same, and go on
+    where the columns leave nothing. Constants and trends are noise here, a jump is none. Bins (s, b) are counted.
+    """
+    joined = np.split(np.arange(len(count)), np.flatnonzero(np.diff(count[:, 0]) > count.shape[1]) + 1)
+    models, rests = [], []
+    for axis in range(3):
+        own = [orthonormal(columns, 1e-6) for columns in local[axis]]
+
+        def beside(forms, own=own):
+            """Function values (s, b, d) -> what is left beside forms (s, b, f), in runs of segments (n, d)."""
+            left_by = lambda one: np.stack([v - q @ (q.T @ v) for v, q in zip(one, own, strict=True)])  # noqa: E731
+            basis = orthonormal(left_by(forms).reshape(count.size, -1), 1e-6)
+
+            def clean(values):
+                flat = left_by(values).reshape(count.size, -1)
+                rest = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
+                return [rest[run].reshape(-1, values.shape[2]) for run in joined]
+
+            return clean
+
+        def with_jumps(places, beside=beside):
+            columns = jump_columns(count.size, places).reshape(*count.shape, -1)
+            return beside(np.concatenate([shared, columns], axis=2))
+
+        here = left[:, :, axis, None]
+        places = jumps(lambda tried, w=with_jumps, one=here: np.concatenate(w(tried)(one))[:, 0])
+        models.append(power_laws(here, with_jumps(places), count, step_s))
+        runs = [whiten(models[-1], run[:, 0], np.ones(len(run), bool)) for run in with_jumps(places)(here)]
+        rests.append(np.concatenate(runs))
+    return models, np.stack(rests, axis=1)
