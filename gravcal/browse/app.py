@@ -60,16 +60,6 @@ def application(calibrations, token="", hosts=LOCAL):
     return guarded(application, token, hosts)
 
 
-def is_loopback(host):
-    """Whether an address can be reached from this machine only."""
-    if host == "localhost":
-        return True
-    try:
-        return ipaddress.ip_address(host.strip("[]")).is_loopback
-    except ValueError:
-        return False
-
-
 def guarded(app, token, hosts):
     """ASGI application that answers only those who may ask; an empty token is not asked for.
 
@@ -117,9 +107,9 @@ def bound(host: str, port: int) -> socket.socket:
 def serve(calibrations, listening, host, say):
     """Answer on a socket until the process is ended; host as the user gave it, ``say`` prints a line."""
     shown = socket.gethostname() if host in ("0.0.0.0", "::") else host
-    port = listening.getsockname()[1]
+    address, port, *_ = listening.getsockname()
     token = secrets.token_urlsafe(24)  # on loopback, too: other users of this machine can ask
-    hosts = (*LOCAL, shown) if is_loopback(host) else ("*",)
+    hosts = (*LOCAL, shown) if ipaddress.ip_address(address).is_loopback else ("*",)
     say(f"http://{f'[{shown}]' if ':' in shown else shown}:{port}/?token={token}")
     settings = uvicorn.Config(application(calibrations, token, hosts), log_level="warning", lifespan="off", ws="none")
     uvicorn.Server(settings).run(sockets=[listening])

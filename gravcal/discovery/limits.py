@@ -48,7 +48,7 @@ def detection_limits(observed: Observations, left: list, choice: Choice, say: Ca
     every = {c: [(k, i) for k in rows for i in range(len(problem.candidates[k].names))] for c, rows in some.items()}
     for number, (cause, parts) in enumerate(every.items(), start=1):
         rows = [_row(scored, index, column, observed.scale) for index, column in parts]
-        relative = [_relative(one) for one in rows]
+        relative = [np.inf if r.size is None else r.size / r.prior if r.prior else r.signal_to_noise for r in rows]
         best = int(np.argmin(relative)) if rows else 0
         if rows and rows[best].size is not None:
             rows[best] = _confirmed(problem, choice, rows[best], parts[best], observed.candidates)
@@ -160,11 +160,6 @@ def _row(scored, index, column, scale):
         bias, bias_in_sigma = (scale * shift).tolist(), float(np.sqrt(max(shift @ precision @ shift, 0.0)))
     words = cause, candidate.form, candidate.names[column], candidate.units[column]
     return Limit(*words, prior, size, ratio, None, least, confused, bias, bias_in_sigma)
-
-
-def _relative(row):
-    """Size of a limit over the plausible one, the signal-to-noise ratio without such, infinite where it has none."""
-    return np.inf if row.size is None else row.size / row.prior if row.prior else row.signal_to_noise
 
 
 def _from(right):

@@ -46,16 +46,16 @@ class Estimate:
         """One line a parameter."""
         units = [*self.unit.split(","), *[self.unit] * len(self.names)]
         rows = zip(self.names, self.value, self.sigma, units, strict=False)
-        text = lambda value, sigma, unit: f"{_digits(value, sigma)} {unit.strip()}"  # noqa: E731
-        lines = [f"{n:>12} {text(v, *of) if np.isfinite(v) else 'not determined'}" for n, v, *of in rows]
+        lines = [f"{n:>12} {_digits(v, *of) if np.isfinite(v) else 'not determined'}" for n, v, *of in rows]
         fit = f"chi2 {self.chi2:.1f} of {self.dof} degrees of freedom (p = {self.probability:.2g})"
         return "\n".join([*lines, fit])
 
 
-def _digits(value, sigma):
-    """Value and sigma with the two digits of the latter."""
+def _digits(value, sigma, unit):
+    """Value and sigma with the two digits of the latter, and their unit."""
     places = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 12)) if sigma > 0 else 4
-    return f"{value:+.{places}f} +- {sigma:.{places}f}" if places <= 6 else f"{value:+.4g} +- {sigma:.2g}"
+    text = f"{value:+.{places}f} +- {sigma:.{places}f}" if places <= 6 else f"{value:+.4g} +- {sigma:.2g}"
+    return f"{text} {unit.strip()}"
 
 
 def estimate(

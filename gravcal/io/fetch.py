@@ -373,7 +373,7 @@ class Session(requests.Session):
         here, to = response.url, prepared_request.url
         prepared_request.headers.pop("Authorization", None)
         parts = urlsplit(to)
-        opened = here.startswith("https:") and parts.scheme == "http" and not _is_loopback(parts.hostname)
+        opened = here.startswith("https:") and parts.scheme == "http" and not is_loopback(parts.hostname)
         if parts.scheme not in ("http", "https") or opened or "@" in parts.netloc:
             redirect = f"that it redirects to {shown(to)}"
             refuse(shown(here), redirect, "a secure address", "Name another archive.")
@@ -455,7 +455,7 @@ def authorization(url, start):
     was asked for and for the usual port of https; a redirect to another port of a host gets nothing.
     """
     here, asked = origin(url), origin(start)
-    if here[0] != "https" and not _is_loopback(here[1]):
+    if here[0] != "https" and not is_loopback(here[1]):
         return None
     token = os.environ.get("EARTHDATA_TOKEN")
     if token and here == TOKENS:
@@ -466,9 +466,10 @@ def authorization(url, start):
     return pair and "Basic " + base64.b64encode(":".join(pair).encode()).decode()
 
 
-def _is_loopback(host):
+def is_loopback(host: str | None) -> bool:
+    """Whether an address can be reached from this machine only."""
     try:
-        return ipaddress.ip_address(host or "").is_loopback
+        return ipaddress.ip_address((host or "").strip("[]")).is_loopback
     except ValueError:
         return host == "localhost"
 

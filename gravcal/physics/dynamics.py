@@ -308,7 +308,7 @@ def propagate(problem, time, y, max_step, out):
                 done += 1
             if done == time.size:
                 return
-            _step(problem, at, y, scratch)
+            _step(problem, at, y, scratch, 1, 13)
             t_next = stop if step == steps - 1 else start + (step + 1) * h
             if time[done] < t_next:
                 _dense(problem, at, y, scratch)
@@ -319,16 +319,16 @@ def propagate(problem, time, y, max_step, out):
                 y += F[0]
             else:
                 y[:] = end
-            _normalise(y)
+            normalise(y)
             K[0] = K[12]
 
 
 @njit(cache=True)
-def _step(problem, at, y, scratch):
-    """Twelve stages and the derivative at the end, K[0] given; work becomes the new state."""
+def _step(problem, at, y, scratch, first, last):
+    """Derivatives K of some stages from those before; work becomes the state at the last of these."""
     K, _, work = scratch
     piece, t, h = at
-    for s in range(1, 13):
+    for s in range(first, last):
         _combine(A[s, :s], h, y, K, work)
         _derivative(problem, piece, t + C[s] * h, work, K[s])
 
@@ -342,9 +342,7 @@ def _dense(problem, at, y, scratch):
         F[0, i] = work[i] - y[i]
         F[1, i] = h * K[0, i] - F[0, i]
         F[2, i] = 2 * F[0, i] - h * (K[12, i] + K[0, i])
-    for s in range(13, STAGES):
-        _combine(A[s, :s], h, y, K, work)
-        _derivative(problem, piece, t + C[s] * h, work, K[s])
+    _step(problem, at, y, scratch, 13, STAGES)
     nothing = np.zeros(y.size)
     for row in range(4):
         _combine(D[row], h, nothing, K, F[3 + row])
@@ -370,7 +368,8 @@ def _interpolate(x, y, F, work):
 
 
 @njit(cache=True)
-def _normalise(y):
+def normalise(y):
+    """Make the quaternion that a state (7,) begins with one of unit length."""
     norm = np.sqrt(y[0] ** 2 + y[1] ** 2 + y[2] ** 2 + y[3] ** 2)
     for i in range(4):
         y[i] /= norm
@@ -381,7 +380,7 @@ def _record(problem, at, y, work, row):
     """One line of output; work is scratch."""
     _derivative(problem, at[0], at[1], y, work)
     row[:7] = y[:7]
-    _normalise(row)
+    normalise(row)
     row[7:10] = work[4:7]
     row[10:] = y[7:]
 

@@ -132,10 +132,6 @@ def _moves(change):
     return f" The result moves: {', '.join(moved)}." if moved else " The result moves by less than half of its error."
 
 
-def _chance(p):
-    text = probability(p)
-    return f"p {text}" if text.startswith("<") else f"p = {text}"
-
-
-WORDS = pages.words(__file__, "discovery_words.toml", cause=title, sentence=sentence, moves=_moves, chance=_chance)
+chance = lambda p: f"p = {probability(p)}".replace("= <", "<")  # noqa: E731
+WORDS = pages.words(__file__, "discovery_words.toml", cause=title, sentence=sentence, moves=_moves, chance=chance)
 SYMBOLS, READINGS, LAWS = (WORDS.notes[name] for name in ("symbols", "readings", "laws"))

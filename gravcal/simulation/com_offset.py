@@ -8,7 +8,7 @@ import numpy as np
 from gravcal import catalog
 from gravcal.effects import effect
 from gravcal.errors import CatalogError, refuse
-from gravcal.estimation.resampling import lowpass_resampler
+from gravcal.estimation.resampling import lines_between, lowpass_resampler
 from gravcal.physics import constants, dynamics, earth, frames, gravity
 from gravcal.simulation import added as contributed
 from gravcal.simulation import flight, of_channels, sensors, within
@@ -247,7 +247,7 @@ def _motion(steps, around, scene, states, control, added):
     """True motion at every bound, values after an edge."""
     pad = [np.concatenate([a, a[-1:]]) for a in (control[0] + added[0][:, 0], control[1] + added[1][:, 0])]
     rods = np.concatenate([control[0], control[0][-1:]])
-    position_i, field_i = (around.at(steps.bound, values) for values in (around.position_i, around.field_i))
+    position_i, field_i = (lines_between(steps.bound, around.time, one) for one in (around.position_i, around.field_i))
     quaternion, rate = states[:, :4], states[:, 4:]
     R_bi = frames.R_bi_from_quaternion(quaternion)
     field_b = np.matvec(R_bi, field_i)

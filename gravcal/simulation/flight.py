@@ -11,7 +11,7 @@ from scipy.interpolate import CubicHermiteSpline
 from gravcal.errors import CatalogError, refuse
 from gravcal.physics import earth, frames, magnetic
 from gravcal.physics.constants import DAY, EARTH_RADIUS, GM, J2
-from gravcal.physics.dynamics import as_tuple, cross, matvec, rotation
+from gravcal.physics.dynamics import as_tuple, cross, matvec, normalise, rotation
 
 
 def initial_state(altitude: float, inclination: float, eccentricity: float, node: float, argument: float) -> np.ndarray:
@@ -140,10 +140,6 @@ class Environment:
     target: np.ndarray  #: (k, 4) attitude that the controller holds, scalar first, continuous in sign
     target_rate_b: np.ndarray  #: (k, 3) rad s-1
 
-    def at(self, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-        """Values (k, m) of the nodes at other times (n, m), linear."""
-        return np.stack([np.interp(time, self.time, column) for column in values.T], axis=1)
-
 
 def environment(time, path, x_along_velocity: float, generation: int) -> Environment:
     """Position, field of an IGRF generation and wanted attitude along an orbit at even epochs (k,) s."""
@@ -231,9 +227,7 @@ def _advance(state, h, start, rods, gas, added_dipole, added_torque, nodes, arou
         _slope(mid, dipole, torque, field_i, position, body, slope[stage])
     for c in range(7):
         state[c] += h / 6 * (slope[0, c] + 2 * slope[1, c] + 2 * slope[2, c] + slope[3, c])
-    norm = np.sqrt(state[0] ** 2 + state[1] ** 2 + state[2] ** 2 + state[3] ** 2)
-    for c in range(4):
-        state[c] /= norm
+    normalise(state)
 
 
 @numba.njit(cache=True)

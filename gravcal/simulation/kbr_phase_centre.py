@@ -144,11 +144,9 @@ def sessions(limits: Mapping, seconds: float) -> list[list[dict]]:
 
     limits : angle_deg, rate_deg_s, period_s as of `gravcal design --constraints`; seconds : of all four
     """
-    plans = []
-    for period, share in itertools.product(np.atleast_1d(limits["period_s"]).tolist(), np.arange(6) / 6):
+    plans, periods = [], np.atleast_1d(limits["period_s"])
+    for period, share in itertools.product(periods[4 * LEAST_PERIODS * periods <= seconds].tolist(), np.arange(6) / 6):
         fixed = {"duration_s": period * int(seconds / 4 / period), "period_s": period}
-        if seconds < 4 * LEAST_PERIODS * period:
-            continue
         offset = round(float(share * limits["angle_deg"]), 3)
         amplitude = round(min(limits["angle_deg"] - offset, limits["rate_deg_s"] * period / (2 * np.pi)), 3)
         kinds = {"+pitch": 1, "-pitch": -1, "+yaw": 1, "-yaw": -1} if offset else {"pitch": 1, "yaw": 1}

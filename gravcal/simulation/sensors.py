@@ -7,6 +7,7 @@ from scipy.signal import lfilter
 
 from gravcal.effects import Context, effect
 from gravcal.estimation.noise import coloured
+from gravcal.estimation.resampling import lines_between
 from gravcal.physics import constants, earth, frames, gravity, orbit_environment
 from gravcal.simulation import added
 
@@ -131,7 +132,7 @@ def _extras(time, motion, scene):
 def context_of_steps(inner, parts: int, steps, around, states, dipole_b, scene) -> Context:
     """What dipole and torque effects look at, at so many epochs inside each step; states are those at its start."""
     begin, state = steps.bound[:-1], states[:-1]
-    R_bi, position_i = frames.R_bi_from_quaternion(state[:, :4]), around.at(begin, around.position_i)
+    R_bi, position_i = frames.R_bi_from_quaternion(state[:, :4]), lines_between(begin, around.time, around.position_i)
     extra = orbit_environment.extras(begin, around.time, around.position_i, R_bi, scene.mass, scene.drag_b)
     spread = lambda v: v if np.ndim(v) == 0 else np.repeat(v, parts, axis=0)  # noqa: E731
     return Context(
@@ -139,7 +140,7 @@ def context_of_steps(inner, parts: int, steps, around, states, dipole_b, scene) 
         rate_b=spread(state[:, 4:]),
         gradient_b=spread(R_bi @ gravity.gradient_i(position_i) @ np.swapaxes(R_bi, 1, 2)),
         dipole_b=spread(dipole_b),
-        field_b=spread(np.matvec(R_bi, around.at(begin, around.field_i))),
+        field_b=spread(np.matvec(R_bi, lines_between(begin, around.time, around.field_i))),
         inertia_b=scene.inertia_b,
         start=scene.start,
         stop=scene.stop,

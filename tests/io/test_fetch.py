@@ -18,7 +18,7 @@ from flows import cli
 from gravcal import catalog
 from gravcal.errors import CatalogError, GravcalError, ProductError
 from gravcal.io import fetch
-from gravcal.io.fetch import Patience
+from gravcal.io.fetch import Patience, is_loopback
 
 DAY = datetime.date(2020, 2, 1)
 SOON = Patience(attempts=3, wait_s=0.01, longest_wait_s=0.05, connect_s=5.0, stall_s=0.3)
@@ -353,3 +353,9 @@ def test_other_parts_have_their_places_and_are_checked(server, tmp_path):
         assert get(server, tmp_path, archive).checked.startswith("first bytes")
     with pytest.raises(CatalogError, match="found no place at podaac"):
         fetch.addresses(magnetometer, "podaac")
+
+
+def test_what_counts_as_loopback():
+    """Contract: only there plain http is trusted with a password."""
+    assert all(map(is_loopback, ("127.0.0.1", "localhost", "::1", "[::1]", "127.8.9.1")))
+    assert not any(map(is_loopback, ("0.0.0.0", "::", "192.168.0.5", "example.org", None)))

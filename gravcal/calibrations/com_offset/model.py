@@ -95,7 +95,7 @@ def _series(aligned, checked):
     mag_time = aligned["time_mag"].values
     torque = np.cross(np.nan_to_num(aligned["current_b"].values), np.nan_to_num(checked["measured_b"].values))[:, 0]
     fine = np.arange(time[0], time[-1] + 0.01, 0.01)
-    held = torque[np.clip(np.searchsorted(mag_time, fine, side="right") - 1, 0, mag_time.size - 1)]
+    held = torque[np.searchsorted((mag_time[1:] + mag_time[:-1]) / 2, fine)]  # round each sample
     angle = np.interp(time, fine, np.cumsum(np.cumsum(held)) * 1e-4)
     offset = np.arange(-HALF_WIDTH, HALF_WIDTH + 1)
     slope = np.linalg.pinv(np.vander(offset, 3, increasing=True))[1]

@@ -6,18 +6,8 @@ import numpy as np
 import xarray as xr
 from scipy.special import chdtrc
 
-from gravcal.estimation import least_squares
-from gravcal.estimation.least_squares import orthonormal
-from gravcal.estimation.noise import (
-    STEADY,
-    NoiseModel,
-    Spectrum,
-    fit_spectrum,
-    jump_columns,
-    jumps,
-    power_laws,
-    whiten,
-)
+from gravcal.estimation import least_squares, noise
+from gravcal.estimation.noise import NoiseModel, Spectrum
 from gravcal.estimation.resampling import bin_means
 
 #: Lowest frequency at which the noise of the tracker shows beside the motion, knots of its spectrum, probability below
@@ -57,7 +47,7 @@ def spectra_of(blocks: list[np.ndarray], step_s: float) -> tuple[Spectrum, ...]:
     """Spectra of the axes of quiet blocks (n, 3) less a cubic each, down to the length of one, with their errors."""
     knots = np.geomspace(1 / (step_s * max(map(len, blocks))), 0.5 / step_s, READING_KNOTS)
     each = ([(one[:, a], cubic(len(one))) for one in blocks] for a in range(3))
-    return tuple(fit_spectrum(one, step_s, knots, STEADY) for one in each)
+    return tuple(noise.fit_spectrum(one, step_s, knots, noise.STEADY) for one in each)
 
 
 def of_tracker(
@@ -75,7 +65,7 @@ def of_tracker(
     for axis in range(3 if whole else 0):
         parts = [(values[:, axis], len(values), int(2 * len(values) * step_s * MOTION_HZ)) for values in whole]
         rows = [(one, least_squares.polynomial(np.arange(n), degree, 0, n - 1)) for one, n, degree in parts]
-        spectrum = fit_spectrum(rows, step_s, knots)
+        spectrum = noise.fit_spectrum(rows, step_s, knots)
         away = spectrum.log_density - spectrum.log_density.mean()
         if not chdtrc(KNOTS - 1, away @ np.linalg.solve(spectrum.covariance, away)) > FLAT:
             density = spectrum.density(np.fft.rfftfreq(8 * count, step_s))
@@ -93,29 +83,27 @@ def of_segments(
     where the columns leave nothing. Constants and trends are noise here, a jump is none. Bins (s, b) are counted.
     """
     joined = np.split(np.arange(len(count)), np.flatnonzero(np.diff(count[:, 0]) > count.shape[1]) + 1)
-    models, rests = [], []
-    for axis in range(3):
-        own = [orthonormal(columns, 1e-6) for columns in local[axis]]
+    parts = (_of_axis(left[:, :, a, None], local[a], shared, count, joined, step_s) for a in range(3))
+    models, rests = zip(*parts, strict=True)
+    return list(models), np.stack(rests, axis=1)
 
-        def beside(forms, own=own):
-            """Function values (s, b, d) -> what is left beside forms (s, b, f), in runs of segments (n, d)."""
-            left_by = lambda one: np.stack([v - q @ (q.T @ v) for v, q in zip(one, own, strict=True)])  # noqa: E731
-            basis = orthonormal(left_by(forms).reshape(count.size, -1), 1e-6)
 
-            def clean(values):
-                flat = left_by(values).reshape(count.size, -1)
-                rest = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
-                return [rest[run].reshape(-1, values.shape[2]) for run in joined]
+def _of_axis(left, local, shared, count, joined, step_s):
+    own = [least_squares.orthonormal(columns, 1e-6) for columns in local]
+    alone = lambda values: np.stack([v - q @ (q.T @ v) for v, q in zip(values, own, strict=True)])  # noqa: E731
 
-            return clean
+    def beside(places):
+        """Function values (s, b, d) -> what is left beside all columns and jumps, in runs of segments (n, d)."""
+        forms = np.concatenate([shared, noise.jump_columns(count.size, places).reshape(*count.shape, -1)], axis=2)
+        basis = least_squares.orthonormal(alone(forms).reshape(count.size, -1), 1e-6)
 
-        def with_jumps(places, beside=beside):
-            columns = jump_columns(count.size, places).reshape(*count.shape, -1)
-            return beside(np.concatenate([shared, columns], axis=2))
+        def clean(values):
+            flat = alone(values).reshape(count.size, -1)
+            rest = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
+            return [rest[run].reshape(-1, values.shape[2]) for run in joined]
 
-        here = left[:, :, axis, None]
-        places = jumps(lambda tried, w=with_jumps, one=here: np.concatenate(w(tried)(one))[:, 0])
-        models.append(power_laws(here, with_jumps(places), count, step_s))
-        runs = [whiten(models[-1], run[:, 0], np.ones(len(run), bool)) for run in with_jumps(places)(here)]
-        rests.append(np.concatenate(runs))
-    return models, np.stack(rests, axis=1)
+        return clean
+
+    clean = beside(noise.jumps(lambda places: np.concatenate(beside(places)(left))[:, 0]))
+    model = noise.power_laws(left, clean, count, step_s)
+    return model, np.concatenate([noise.whiten(model, run[:, 0], np.ones(len(run), bool)) for run in clean(left)])
