@@ -143,7 +143,8 @@ def _failures(calibration, source, json_path, configuration):
 
 def _prepared(calibration, event, data, satellite, date, settings, model, as_, json):
     """Source and parameters of one event; where there is none, the document says so."""
-    chosen = command.chosen(calibration, settings, model, as_)
+    with _failures(calibration, event or str(data), json, as_ or location.OPERATIONAL):
+        chosen = command.chosen(calibration, settings, model, as_)
     with _failures(calibration, event or str(data), json, chosen.configuration):
         return command.source(calibration, event, data, satellite, date), configurations.record(chosen)
 

@@ -21,6 +21,7 @@ from tasks.stage import lazy
 comparison = lazy("gravcal.report.comparison")
 discoveries = lazy("flows.discover")
 plain = lazy("gravcal.report.plain")
+timeline = lazy("gravcal.browse.timeline")
 vcm = lazy("gravcal.io.vcm")
 
 EXIT = {"delivered": 0, "failed": 1, "no_manoeuvre": 3, "no_data": 3, "questionable": 4}
@@ -227,18 +228,22 @@ def report_files(event, out, name=None):
     files = [link / name for link, record in reports for name in sorted([*record["files"], "product.nc"])]
     if out is None:
         return files
-    out.mkdir(parents=True, exist_ok=True)
-    return [shutil.copy(path, out / path.name) for path in files]
+    made = [out / (path.parent.name if reports[1:] else "") / path.name for path in files]  # calibrations share events
+    for path, copied in zip(files, made, strict=True):
+        copied.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copy(path, copied)
+    return made
 
 
 def compare(calibration, first, second, satellite=None):
     """Document with what changes between two configurations, for the events that both have."""
-    one, named = record(calibration), satellite and f"{catalog.satellite(satellite).name}-"
+    one = record(calibration)
+    check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites), *"".join(one.satellites)])
     for name in (first, second):
         configurations.settings_of(calibration, name)
 
     def wanted(event):
-        return satellite is None or event.startswith(named) or satellite.lower() in event.split("-")[1]
+        return satellite is None or bool(set(satellite) & set(timeline.letters_of(event)))
 
     document = comparison.between(one, (first, second), wanted)
     if not document["events"]:

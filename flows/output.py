@@ -9,8 +9,6 @@ import sys
 import textwrap
 import traceback
 
-import typer
-
 from gravcal.errors import NoDataError, ProductError
 from gravcal.store import history, location
 from gravcal.store.product import foreword
@@ -19,6 +17,7 @@ from tasks.stage import lazy
 joint_report, plain = lazy("gravcal.report.joint"), lazy("gravcal.report.plain")
 
 REASONS, SHOWN = 2, 4  # of a stage that a plan shows, and stages that one of them names
+WIDE = 100_000  # characters: rows are never broken
 COLOURS = {
     "run": "yellow",
     "may run": "yellow",
@@ -272,22 +271,19 @@ def design(document, out, json_path):
 
 def table(heads, rows):
     """Table in plain columns, each as wide as its widest entry, numbers to the right; in colour on a terminal."""
-    cells = [heads, *[[str(cell) for cell in row] for row in rows]]
-    widths = [max(len(row[column]) for row in cells) for column in range(len(heads))]
-    numbers = [
-        bool(rows) and all(isinstance(row[column], (int, float)) for row in rows) for column in range(len(heads))
-    ]
-    painted = sys.stdout.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
-    for count, row in enumerate(cells):
-        texts = [
-            cell.rjust(width) if right else cell.ljust(width)
-            for cell, width, right in zip(row, widths, numbers, strict=True)
-        ]
-        texts[-1] = texts[-1].rstrip()
-        if painted:  # in bold or the colour of its word
-            pairs = zip(texts, [COLOURS.get(text.strip()) for text in texts], strict=True)
-            texts = [typer.style(t, fg=c, bold=count == 0) if c or count == 0 else t for t, c in pairs]
-        say("  ".join(texts).rstrip())
+    from rich import console, table, text
+
+    made = table.Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
+    for head, *column in zip(heads, *rows, strict=True):
+        right = bool(column) and all(isinstance(cell, (int, float)) for cell in column)
+        made.add_column(head, justify="right" if right else "left", no_wrap=True)
+    for row in rows:
+        made.add_row(*(text.Text(str(cell), COLOURS.get(str(cell), "")) for cell in row))
+    screen = console.Console(width=WIDE, height=WIDE, force_terminal=False if os.environ.get("NO_COLOR") else None)
+    with screen.capture() as captured:
+        screen.print(made)
+    for line in captured.get().splitlines():
+        say(line.rstrip())
 
 
 def named(rows, *names):

@@ -7,6 +7,7 @@ from flows import discover, engine, magnetometer, ranging, thrusters
 from flows.calibration import Calibration, Discovery, of_columns, stated
 from flows.engine import flow
 from gravcal import catalog
+from gravcal.errors import NoDataError, refuse
 from gravcal.store import results
 from tasks import common, routine
 
@@ -57,6 +58,8 @@ def _attempted(make, source, chosen):
             missing[part] = f"no {' or '.join(products)}" if products else str(done).partition(". ")[0]
         else:
             made[part] = done
+    if not made:
+        refuse(source.event, "; ".join(missing.values()), "records of an instrument", "Add its files.", NoDataError)
     return made, missing
 
 

@@ -39,13 +39,13 @@ def attitude(aligned, checked, **settings):
     return attitudes.attitude(aligned, checked, **settings)
 
 
-@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.survey", version=1)
+@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.survey", version=2)
 def survey(aligned, checked):
     """Torque against roll acceleration."""
     return modelling.survey(aligned, checked)
 
 
-@stage(reads=[ALIGNED, "com_offset.field", SMOOTHED, "ingest"], writes="com_offset.checks", version=2)
+@stage(reads=[ALIGNED, "com_offset.field", SMOOTHED, "ingest"], writes="com_offset.checks", version=3)
 def checks(aligned, checked, smoothed, *others, **limits):
     """Records against each other."""
     return checking.inputs(aligned, checked, smoothed, *others, **limits)

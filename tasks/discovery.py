@@ -29,13 +29,13 @@ ANY_PRODUCT, RESULTS = ["*"], ["*.discovery", "*.combine|*.drag"]
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=31, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=32, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """What the model of an event gets wrong, and why."""
     return driver.discover(observations_of(products, observations, names, settings), _limits(limits))
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=31, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=32, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """The same in records without what a first search has found, where its effects are large."""
     observed = observations_of(products, observations, names, settings)
@@ -72,7 +72,7 @@ def extend_by(searched, *products, records, observations, names, settings, tenta
     return _without(observations_of(products, observations, names, settings), products, records, names, model)
 
 
-@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=10, also=["{observations}"])
+@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=11, also=["{observations}"])
 def report(searched, *combined, calibration, observations, event, satellite, settings, records):
     """Document, page and extended model; with results before, after, and before with what a model adds, if any."""
     named = {"calibration": calibration, "event": event, "satellite": satellite, "records": records}

@@ -63,7 +63,7 @@ def checks(aligned, pointed, ranges, rates, *orbits, **settings):
     return checks_science.of_inputs(aligned, pointed, ranges, rates, *orbits, **settings)
 
 
-@stage(reads=[COMBINE, POINTING, NOISE, CHECKED, SOLVE], writes=REPORT, version=2)
+@stage(reads=[COMBINE, POINTING, NOISE, CHECKED, SOLVE], writes=REPORT, version=3)
 def report(*products, event, settings, published, nominal_m):
     """Result document, page, vector files and lines of the sequence-of-events file."""
     return report_science.report(*products, event=event, settings=settings, published=published, nominal_m=nominal_m)

@@ -32,7 +32,7 @@ def model_error(estimated, *moved):
     return named_parameters.with_model_error(estimated, *moved)
 
 
-@stage(reads=["magnetometer.align", "magnetometer.estimate"], writes="magnetometer.checks", version=2)
+@stage(reads=["magnetometer.align", "magnetometer.estimate"], writes="magnetometer.checks", version=3)
 def checks(aligned, estimated, **settings):
     """Field, attitude and orbit against each other, and parts of the result."""
     return estimation.check(aligned, estimated, **settings)

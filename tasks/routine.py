@@ -27,13 +27,13 @@ def estimate(aligned, **settings):
     return science.estimate(aligned, **settings)
 
 
-@stage(reads=["routine.estimate"], writes="routine.checks", version=2)
+@stage(reads=["routine.estimate"], writes="routine.checks", version=3)
 def checks(estimated, **settings):
     """Parts of the result."""
     return science.check(estimated, **settings)
 
 
-@stage(reads=["*"], writes="routine.report", version=3)
+@stage(reads=["*"], writes="routine.report", version=4)
 def report(*products, names, missing, event, settings):
     """Result document and page of all instruments."""
     pages = {"accelerometer": page.PAGE, "magnetometer": magnetometer.PAGE}
@@ -45,7 +45,7 @@ OBSERVATIONS = {part: f"gravcal.calibrations.{part}.observations" for part in ("
 OBSERVATIONS = {"accelerometer": "gravcal.calibrations.routine.observations"} | OBSERVATIONS
 
 
-@stage(reads=["*.discovery"], writes="routine.discovery_report", version=2, also=[*OBSERVATIONS.values()])
+@stage(reads=["*.discovery"], writes="routine.discovery_report", version=3, also=[*OBSERVATIONS.values()])
 def discovered(*searches, parts, missing, event, settings):
     """Result document and page of the searches of all parts."""
     reported = {part: importlib.import_module(name).REPORT for part, name in OBSERVATIONS.items()}

@@ -19,6 +19,14 @@ UNSEEN = ("calibrations/", "discovery/", "independent/", "flows/test_every_calib
 UNSEEN += ("test_docs_commands.py", "test_measured.py", "test_recovery.py")
 
 
+def _forget():
+    """Look at the code again, as a new process would; what is known of modules by their content stays."""
+    keys._files.clear()
+    keys._bodies.clear()
+    for cached in (one for name, one in vars(keys).items() if hasattr(one, "cache_clear") and name != "_parsed"):
+        cached.cache_clear()
+
+
 def pytest_collection_modifyitems(items):
     """Long files first; skipped is what needs a folder beside the project where it is not, data or that of the mark."""
     long = "test_docs.py", "test_docs_commands.py", "test_fuzz.py", "test_recovery.py", "test_serve.py", "test_wheel.py"
@@ -109,11 +117,17 @@ PIPELINE = {
 }
 
 
+@pytest.fixture
+def forget():
+    """Function that looks at the code again, as a new process would."""
+    return _forget
+
+
 @pytest.fixture(autouse=True)
 def store_folder(tmp_path, monkeypatch):
     """Let every test have its own empty store."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
-    keys.forget()
+    _forget()
     return tmp_path / "products"
 
 
@@ -170,7 +184,7 @@ class Pipeline:
         for module in [module for module in sys.modules if module.partition(".")[0] == self.name]:
             del sys.modules[module]
         importlib.invalidate_caches()
-        keys.forget()
+        _forget()
 
     def module(self, part):
         """One module of the package."""

@@ -176,7 +176,7 @@ def samples(request):
 def _ends(request):
     """Places of the axis between which data are asked for, None for each that is not given as a number."""
     texts = (request.query_params.get(name, "") for name in ("from", "to"))
-    return [float(text) if re.fullmatch(r"[-+]?\d[\d.]*(e[-+]?\d+)?", text) else None for text in texts]
+    return [float(text) if re.fullmatch(r"[-+]?\d+(\.\d*)?(e[-+]?\d+)?", text) else None for text in texts]
 
 
 def file(request):

@@ -204,7 +204,7 @@ def view(whole, start=None, stop=None, bins=BINS):
 
 def samples(whole, start=None, stop=None, most=LONGEST):
     """Samples x, y (n,) of a Series between two values of the coordinate; `Missing` if more than `most`."""
-    inside = _inside(whole.x, start, stop)
+    inside = _inside(whole.x, start, stop, 0)
     if inside.stop - inside.start > most:
         raise Missing(f"{inside.stop - inside.start:,} samples: zoom in to {most:,} at most, or take product.nc")
     return whole.x[inside], whole.y[inside]
@@ -248,10 +248,10 @@ def spectrum(whole):
     return frequency[1:], np.sqrt(power[1:]), said
 
 
-def _inside(x, start, stop):
+def _inside(x, start, stop, more=1):
     """Samples of a view, with one more at each side so that lines run out of the picture."""
-    first = 0 if start is None else max(int(np.searchsorted(x, start)) - 1, 0)
-    last = x.size if stop is None else min(int(np.searchsorted(x, stop, side="right")) + 1, x.size)
+    first = 0 if start is None else max(int(np.searchsorted(x, start)) - more, 0)
+    last = x.size if stop is None else min(int(np.searchsorted(x, stop, side="right")) + more, x.size)
     return slice(first, max(last, first))
 
 

@@ -246,8 +246,8 @@ class Fitted:
 class Reported:
     """What a calibration says of its result and readings beside a discovery, `REPORT` of the module of `observe`."""
 
-    #: combined product -> name of the variant, parameters (p,) and covariance (p, p) in the reported unit
-    result: Callable[[Any], tuple[str, np.ndarray, np.ndarray]] | None = None
+    #: combined product, variant (None: the adopted) -> variant, parameters (p,) and covariance (p, p), reported unit
+    result: Callable[..., tuple[str, np.ndarray, np.ndarray]] | None = None
     note: str = ""  #: how the records are looked at, for the page
     #: {channel: what its reading is}, for the caption of the figure
     readings: Mapping[str, str] = field(default_factory=dict)

@@ -74,7 +74,8 @@ def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: s
     if outcome:
         joint = change = outcome.calibration_change
         if combined:
-            (name, old, covariance), (_, new, other), *modelled = (reported.result(one) for one in combined)
+            name, old, covariance = reported.result(combined[0])
+            (_, new, other), *modelled = (reported.result(one, name) for one in combined[1:])
             _, begun, spread = modelled[0] if modelled else (name, old, covariance)
             correction = begun - old + np.array(joint.correction, dtype=float)
             more = spread - covariance + np.array(joint.covariance_of_findings, dtype=float)

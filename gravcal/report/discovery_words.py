@@ -32,7 +32,7 @@ def sentence(one: NamedCause) -> str:
     if one.cause == "unknown:excess":
         return f"Power beyond noise that follows nothing: {one.form.removeprefix('excess in the ')}."
     known = {n: p for n, p in one.parameters.items() if p.value is not None}
-    if not one.in_catalogue:
+    if not one.in_catalogue and one.form and not one.form.endswith(" alone"):  # a law
         tail = OPEN_MEAN * any(n.startswith("mean_") for n in known)
         return f"{_upper(title(one.cause))}: {_law(one.form, known)}{tail}."
     listed, own = effects.catalogue().get(one.cause), one.model if set(one.model) < set(known) else {}

@@ -185,14 +185,6 @@ def versions():
     return {name: importlib.metadata.version(name) for name in names} | {"python": sys.version.partition(" ")[0]}
 
 
-def forget():
-    """Look at the files again, as a new process would; what is known of modules by their content stays."""
-    for known in (_files, _bodies):
-        known.clear()
-    for cached in (_module, _module_of, _tree, _path, top_folder, _data_parts, _data_below, _data_file):
-        cached.cache_clear()
-
-
 def _body_part(body, scope):
     """Digest of a body with what it names of its module; the targets and the ends of file names that these use."""
     path = Path(inspect.getsourcefile(body))

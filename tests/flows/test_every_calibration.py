@@ -242,7 +242,7 @@ def test_no_data_file_of_the_package_is_forgotten():
     assert all(any(name.startswith(one) for name in listed) for one in READ_BY_NO_STAGE)
 
 
-def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_path, monkeypatch):
+def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_path, monkeypatch, forget):
     """Contract: each file of the key changed in turn in a copy of the packages; plan names the stages, and the file."""
     for name in SMALL:
         made(name, level_one)
@@ -258,7 +258,7 @@ def test_one_number_in_any_data_file_makes_again_what_reads_it(level_one, tmp_pa
     monkeypatch.setattr(keys, "top_folder", copied)
 
     def planned(names=SMALL):
-        keys.forget()
+        forget()
         found = {}
         for name in names:
             (source,) = command.sources(name, None, None, None, None)

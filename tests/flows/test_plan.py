@@ -69,7 +69,7 @@ def test_a_change_is_named_by_the_plan_and_makes_its_dependants_only(pipeline, c
     assert pipeline.run(**settings)[0] == made
 
 
-def test_a_changed_data_file_is_named(pipeline):
+def test_a_changed_data_file_is_named(pipeline, forget):
     """Contract: files beside the code that a module names, those they name, and one that comes; not those of others."""
     read = 'sum(len(path.read_text()) for path in Path(__file__).parent.glob("*.csv"))'
     pipeline.replace("helper.py", "FACTOR = 2.0", f"from pathlib import Path\nFACTOR = {read}")
@@ -78,11 +78,11 @@ def test_a_changed_data_file_is_named(pipeline):
     pipeline.run()
     for name, text in (("one.csv", "2, see two.dat"), ("two.dat", "4"), ("new.csv", "5")):
         (pipeline.folder / name).write_text(text)
-        keys.forget()
+        forget()
         assert plan(pipeline)["start"] == ("run", f"data changed: {pipeline.name}/{name}")
         assert pipeline.run()[0][0] == "start"
     (pipeline.folder / "other.dat").write_text("6")
-    keys.forget()
+    forget()
     assert set(plan(pipeline).values()) == {("reuse",)}
     (pipeline.folder / "one.csv").write_text("under way")
     said = "one.csv: the code, or data that it reads, changed while this process was running"

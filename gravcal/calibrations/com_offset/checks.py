@@ -175,6 +175,6 @@ def _motion(smoothed, far, limits):
     rms = 1e6 * largest(known["residual_rms"])
     checks.append(at_most("star camera against dynamics, rms", rms, limits["attitude_limit_urad"], "urad"))
     for name, said in (("acc", "accelerometer"), ("sca", "star camera")):
-        size = max(largest(np.abs(known[f"{name}_delay"])), abs(far.get(name, far.get("mag", 0))))
+        size = np.fmax(largest(np.abs(known[f"{name}_delay"])), abs(far.get(name, far.get("mag", np.nan))))
         checks.append(at_most(f"delay of the {said}", size, limits["delay_limit_s"], "s"))
     return checks

@@ -255,10 +255,10 @@ def _late(aligned, late, order):
     return Late(aligned, blocks, columns, delays, tuple(channels), *about)
 
 
-def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:
-    """Adopted variant, offset (3,) um and covariance (3, 3) um2 of "com_offset.combine"."""
+def _result(combined: xr.Dataset, variant: str | None = None) -> tuple[str, np.ndarray, np.ndarray]:
+    """Variant (the adopted one), its offset (3,) um and covariance (3, 3) um2 of "com_offset.combine"."""
     names = combined.attrs["variants"].split()
-    index = names.index(adopted(combined) or names[0])
+    index = names.index(variant or adopted(combined) or names[0])
     return names[index], 1e6 * combined["offset"].values[index], 1e12 * combined["covariance"].values[index]
 
 

@@ -227,9 +227,8 @@ def manoeuvres(combined, detected, smoothed, field, settings):
     entries = []
     for i in range(detected.sizes["manoeuvre"]):
         middle = (wave["start"][i] + wave["stop"][i]) / 2
-        latitude = None  # geocentric, where the orbit is known
-        if orbit.size and orbit[0] <= middle <= orbit[-1]:
-            latitude = float(np.interp(middle, orbit, field["latitude"].values))
+        edges = {"left": np.nan, "right": np.nan}  # geocentric, where the orbit is known
+        latitude = np.interp(middle, orbit, field["latitude"].values, **edges) if orbit.size else np.nan
         entries.append(
             {
                 "kind": KINDS[int(joint["kind"][i])],
@@ -237,8 +236,8 @@ def manoeuvres(combined, detected, smoothed, field, settings):
                 "stop": float(joint["stop"][i]),
                 "rod": "xyz"[int(wave["rod"][i])],
                 "regular": bool(wave["regular"][i]),
-                "latitude_deg": None if latitude is None else float(np.degrees(latitude)),
-                "latitude_class": None if latitude is None else "high" if abs(latitude) > HIGH_LATITUDE else "low",
+                "latitude_deg": number(np.degrees(latitude)),
+                "latitude_class": None if np.isnan(latitude) else "high" if abs(latitude) > HIGH_LATITUDE else "low",
                 "gaps": [name for name, bit in GAPS.items() if int(attitude["gap"][i]) & bit],
                 "acc_shift_s": picked("acc_shift", i),
                 "sca_shift_s": picked("sca_shift", i),

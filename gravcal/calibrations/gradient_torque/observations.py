@@ -281,7 +281,7 @@ class GradientTorque(Observations):
         return own.time[inside], predicted[inside], columns[:, inside]
 
 
-def _result(drag: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:
+def _result(drag: xr.Dataset, _method: str | None = None) -> tuple[str, np.ndarray, np.ndarray]:
     """Method, centre of pressure (3,) mm and covariance (3, 3) mm2 of "gradient_torque.drag"; NaN if not asked for."""
     value, covariance = (drag[n].values if n in drag else np.nan for n in ("pressure", "pressure_covariance"))
     return "torque balance", np.full(3, 1e3 * value), np.full((3, 3), 1e6 * covariance)

@@ -203,9 +203,9 @@ class Ranging(records.Observations):
         return records.assign_attrs(model=" ".join(entry.cause for entry in model))
 
 
-def _result(combined: xr.Dataset) -> tuple[str, np.ndarray, np.ndarray]:
-    """Adopted observable, phase centres (6,) mm and covariance (6, 6) mm2 of "kbr_phase_centre.combine"."""
-    name, estimator = (combined.attrs[f"adopted_{n}"] for n in ("observable", "estimator"))
+def _result(combined: xr.Dataset, variant: str | None = None) -> tuple[str, np.ndarray, np.ndarray]:
+    """Observable (the adopted one), phase centres (6,) mm, covariance (6, 6) mm2 of "kbr_phase_centre.combine"."""
+    name, estimator = variant or combined.attrs["adopted_observable"], combined.attrs["adopted_estimator"]
     place = (combined.attrs["observables"].split().index(name), 0, ESTIMATORS.index(estimator))
     return name, 1e3 * combined["centre"].values[place], 1e6 * combined["covariance"].values[place]
 

@@ -160,7 +160,7 @@ def _verdict(adopted, source, test, settings):
         text += f" Direction known to {1e3 * max(angles):.1f} urad, required {1e3 * settings['requirement_mrad']:.0f}."
     if consistent is not None:
         text += " Manoeuvres agree." if consistent else f" Manoeuvres disagree (p {test['p']:.1g})."
-    met = bool(angles) and max(angles) <= settings["requirement_mrad"]
+    met = bool(angles) and len(angles) == 2 * len(adopted) and max(angles) <= settings["requirement_mrad"]
     return {"text": text, "accuracy_met": met, "consistent": consistent}
 
 

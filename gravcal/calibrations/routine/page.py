@@ -37,7 +37,8 @@ def content(products):
     estimate, aligned = products["estimate"], products["align"]
     swings, epoch = estimate["transient_swings"].values, estimate["transient"].values
     step, rate = float(aligned["step"]), np.abs(aligned["dipole_rate_b"].values).max(axis=1)
-    times, fired = estimate["time"].values, aligned["firing"].values
+    delay = estimate["value"].values[list(map(str, estimate["parameter"].values)).index("delay")]
+    times, fired = estimate["time"].values, aligned["firing"].values - np.nan_to_num(delay)
     near = np.searchsorted(aligned["time"].values, estimate["transient"].values - step / 4)
     facts = {
         "seconds": step * estimate.sizes["time"],
@@ -74,7 +75,8 @@ def thrust_and_inertia(estimate, aligned) -> dict:
             apart = (thrust - torquer[0]) / np.hypot(error, torquer[1])
             off = abs(torquer[0] - 1) > 3 * torquer[1]
             said = "thrust" if abs(apart) > 3 and not off else "thrust and inertia or dipole" if abs(apart) > 3 else ""
-            said = said or ("inertia (or angular scale): both are off alike" if off else "none is seen to be wrong")
+            said = said or ("inertia (or angular scale): both are off alike" if off else "")
+            said = said or ("thrust or inertia" if abs(thrust - 1) > 3 * error else "none is seen to be wrong")
             facts[f"wrong_about_{word}"] = said
     return facts
 
@@ -182,7 +184,8 @@ def discovered(*searches, parts: Mapping, missing: Mapping[str, str], reported: 
         sections.append(Section(title(part), _placed(part, shown, "tables"), _placed(part, shown, "figures"), notes))
         products[f"{part}.discovery"] = one
         if outcome.findings and "model" in known["settings"]:
-            files[f"{part}.toml"] = discovery.model_text(outcome.findings, known["event"])
+            text = discovery.model_text(outcome.findings, known["event"])
+            files |= {f"{part}.toml": text} if text else {}
     sections += [Section(title(part), notes=[f"Not searched: {why}."]) for part, why in missing.items()]
     results = {part: one for part, one in state.items() if part in searched}
     said = [f"{title(part)}: {one['verdict']['text']}" for part, one in results.items()]
