@@ -200,8 +200,8 @@ class Place:
                 self.say(f"left out: {error}")
         least = {name: min((e[name][0] for _, e, _ in tried if e[name][0]), default=None) for name in names - set(size)}
         sizes = size | {name: sigma for name, sigma in least.items() if sigma}  # the published one does not say these
-        losses = [np.log(loss(errors, sizes)) + design.short(apart, wanted) for _, errors, apart in tried]
-        if not sizes or named - set(sizes) or not min(losses, default=np.inf) < np.inf:
+        losses = [np.log(loss(errors, sizes) or np.inf) + design.short(apart, wanted) for _, errors, apart in tried]
+        if named - set(sizes) or not min(losses, default=np.inf) < np.inf:
             shortfall = f"{len(plans)} sessions of {minutes} minutes, none of which tells all"
             refuse(f"design {self.one.name}", shortfall, "one that does", "Give more time or loosen a constraint.")
         plan = tried[int(np.argmin(losses))][0]

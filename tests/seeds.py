@@ -82,9 +82,18 @@ def enough(draw: Callable, rng: np.random.Generator, folder: Path, right=RIGHT, 
     assert found.count(None) == right, [one for one in found if one is not None]
 
 
-def clean(draw: Callable, rng: np.random.Generator, folder: Path) -> None:
-    """The same of clean records at the delivered level: two of three, and one of one with the seed of every run."""
+def clean(searched: Callable, rng: np.random.Generator, folder: Path, *, adequate=False) -> list[dict]:
+    """Documents (seed, folder) -> of clean records, nothing named in two of three, adequate if asked; see `enough`."""
+    documents = []
+
+    def draw(seed, place):
+        documents.append(searched(seed, place))
+        named = [one["cause"] for one in documents[-1]["findings"]] or any(place.rglob("model.toml"))
+        wrong = named or (adequate and not documents[-1]["adequate_before"])
+        return f"seed {seed}: {named}, p {documents[-1]['p_before']}" if wrong else None
+
     enough(draw, rng, folder, 2, 2)
+    return documents
 
 
 if __name__ == "__main__":

@@ -42,7 +42,9 @@ def test_a_narrow_view_is_the_data_themselves(tmp_path):
     """Contract: fewer samples than the screen has places are drawn as they are, one more at each side."""
     x, rng = 7e8 + 0.1 * np.arange(200_000), np.random.default_rng(1)
     values = rng.standard_normal((200_000, 1))
-    drawn, y = series.view(written(tmp_path / "product.nc", x, values), x[1000], x[1100])
+    whole = written(tmp_path / "product.nc", x, values)
+    assert series.samples(whole, x[1000], x[1100])[0].tolist() == x[1000:1101].tolist()  # of the CSV: none more
+    drawn, y = series.view(whole, x[1000], x[1100])
     assert drawn.tolist() == x[999:1102].tolist()
     assert y.tolist() == values[999:1102, 0].tolist()
 

@@ -13,8 +13,7 @@ from flows import engine, kbr_phase_centre
 from gravcal import catalog
 from gravcal.calibrations.align import QUATERNION
 from gravcal.calibrations.checks import of_product
-from gravcal.calibrations.kbr_phase_centre import checks
-from gravcal.calibrations.kbr_phase_centre.page import vector_files
+from gravcal.calibrations.kbr_phase_centre import checks, page
 from gravcal.errors import GravcalError, NoDataError, ProductError
 from gravcal.io import readers, vcm, writers
 from tasks import kbr_phase_centre as stages
@@ -52,7 +51,7 @@ def test_files_in_vectors_out(campaign, tmp_path):
     detected = engine.run(kbr_phase_centre.detect, source, chosen, engine="inline")
     told = [kbr_phase_centre.CALIBRATION.detected(detected)["manoeuvres"], truth["manoeuvres"]]
     assert [(m["satellite"], m["kind"]) for m in told[0]] == [(m["satellite"], m["kind"]) for m in told[1]]
-    files = vector_files(document | {"origin": "measured"}, "2020-09-10")
+    files = page.vector_files(document | {"origin": "measured"}, "2020-09-10")
     for letter in "CD":
         for observable in ("range", "range_rate", "range_acceleration"):
             for estimator in ("ls", "robust"):
@@ -67,7 +66,7 @@ def test_files_in_vectors_out(campaign, tmp_path):
         assert written["time_tag"] == np.ceil(max(one["stop"] for one in document["manoeuvres"]))
     lines = [vcm.read_line(line) for line in files["result.soe"].splitlines()]
     assert [(one.satellite, one.name) for one in lines] == [("C", "VKB"), ("D", "VKB")]
-    doubtful = vector_files(document | {"origin": "measured", "status": "questionable"}, "2020-09-10")
+    doubtful = page.vector_files(document | {"origin": "measured", "status": "questionable"}, "2020-09-10")
     assert all("QUESTIONABLE" in text for text in doubtful.values())
     assert not list(ref.folder.glob("VKB1B*"))
     written = (ref.folder / "result.soe").read_text().splitlines()
@@ -250,6 +249,9 @@ def test_results_are_held_against_the_catalogue_each_other_and_their_noise():
     assert failing(lambda c: c["centre"].values[0].__iadd__(1.0)) == {"observables apart"}
     assert failing(lambda c: c["centre"].values[1, 0, 1].__iadd__(1.0)) == {"robust apart from ls"}
     assert failing(tests=agree | {"range": 1e-6}) == {"probability that wiggles agree, range"}
+    known = {"phase_centre_mm": [1400.0, 0.1, 0.1], "sigma_mm": [1.0, 0.01, 0.01]}
+    pairs = ({"C": known, "D": one} for one in (known, {name: [None] * 3 for name in known}))
+    assert [page._verdict(one, "", {"p": None}, limits)["accuracy_met"] for one in pairs] == [True, False]
 
 
 def test_an_attitude_that_is_late_by_a_second_fails_the_fit():

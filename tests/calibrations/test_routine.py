@@ -8,6 +8,7 @@ import seeds
 from gravcal import catalog
 from gravcal.calibrations.routine import accelerometer, observations
 from gravcal.discovery import driver
+from gravcal.errors import NoDataError
 from gravcal.estimation.quantities import result_of
 from gravcal.io import archive, readers, writers
 from gravcal.simulation import com_offset, sensors
@@ -130,6 +131,10 @@ def test_a_day_without_an_instrument_says_what_is_missing(day, tmp_path):
     assert found["instruments"]["thrusters"]["said"] == "no THR1B"
     assert found["instruments"]["ranging"]["said"] == "no KBR1B or LRI1B"
     assert found["instruments"]["magnetometer"]["statistics"][0]["residual_rms"] < 5e-8
+    for path in (one for one in tmp_path.iterdir() if one.is_symlink() and not one.name.startswith("SCA1B")):
+        path.unlink()
+    with pytest.raises(NoDataError, match="no ACC1A or ACT1A; no MAG1B; no THR1B"):
+        commands.run("routine", tmp_path, search=0)
 
 
 @pytest.mark.measured

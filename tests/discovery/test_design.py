@@ -117,6 +117,10 @@ def test_constraints_are_named_and_a_calibration_without_library_is_refused(tmp_
     known = lambda plan: (float(plans.index(plan)) or None) if plan in plans else None  # noqa: E731
     place.errors = lambda plan, *_, **__: ({"C x": (known(plan), 1.0, "mm"), "C y": (1.0, 1.0, "mm")}, {})
     assert place.best(100.0, ())[0] == plans[1]  # the least error of those that tell what the published one does not
+    place.errors = lambda *_, **__: ({"C x": (None, None, "mm"), "C y": (1.0, 1.0, "mm")}, {})
+    with pytest.raises(GravcalError, match="none of which tells all"):
+        place.best(100.0, ())
+    assert not ranging.planning.sessions(place.limits, 4 * 100.0)  # none is longer than the time there is
 
 
 def test_a_wiggle_turns_as_its_plan_says_and_within_the_limits(tmp_path):

@@ -30,6 +30,8 @@ def test_exit_codes_tell_what_happened(fakecal, capsys, monkeypatch, store_folde
     failed = json.loads(path.read_text())
     facts = failed["status"], failed["error"]["kind"], failed["error"]["facts"]["limit"]
     assert facts == ("failed", "EstimationError", 1)
+    assert gravcal(*here, "--as", "unheard", "--json", path) == 1  # no old document stays
+    assert json.loads(path.read_text())["configuration"] == "unheard"
     assert gravcal("run", "fakecal", "unheard", "--engine", "inline") == 1
     for wrong in (
         ("run", "fakecal"),

@@ -150,7 +150,7 @@ def test_an_experiment_is_said_in_document_and_page(name, level_one):
     shared = [link.name for link in folder.glob("*.*") if link.readlink().name == before[link.name].name]
     assert len(shared) == len(list(folder.glob("*.*"))) - row["made"] > 0
     configurations.record(command.chosen(name, [WHAT_IF[name]]))
-    compared = command.compare(name, "operational", configuration, row["event"].split("-")[1][0].upper())
+    compared = command.compare(name, "operational", configuration, row["event"].split("-")[1].upper())
     (one,) = compared["events"]
     assert list(one["settings"]) == [WHAT_IF[name].partition("=")[0]]
     assert [value["name"] for value in one["values"]] == list(row["values"])
