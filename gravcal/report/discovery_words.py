@@ -61,7 +61,7 @@ def _phrase(cause, name, parameter):
     value, sigma, listed = parameter.value, parameter.sigma, effects.catalogue().get(cause)
     known = {one.name: one.meaning for one in listed.parameters} if listed else {}
     alone = f"{known[name[:-2]]} of sensor {name[-1]}" if name[-2:] in ("_1", "_2") and name[:-2] in known else ""
-    meaning = known.get(name, alone)
+    meaning = known.get(name, alone) or (f"share in {name}" if len(name) == 1 else _plain(name))
     if name == "time":
         return f"at {gps_text(value)} GPS" + (f" ± {sigma:.2g} s" if sigma else "")
     if meaning.startswith("relative excess of "):
@@ -71,7 +71,7 @@ def _phrase(cause, name, parameter):
     text = quantity(value, sigma, parameter.unit)
     if meaning.endswith((" by", " at")):
         return f"{meaning} {text}"
-    return f"{meaning} by {text}" if " turned " in meaning else f"the {meaning or _plain(name)} is {text}"
+    return f"{meaning} by {text}" if " turned " in meaning else f"the {meaning} is {text}"
 
 
 def _law(form, known):

@@ -109,8 +109,8 @@ def test_every_effect_of_the_catalogue_has_a_sentence():
             assert not re.search("[a-z]_", text.replace(parameter.name, "")), text
     text = words.sentence(finding("accelerometer.temperature", y_1=(3e-9, 1e-10, "m s-2")))  # of one of two sensors
     assert text.startswith("The change from long night to long day of y of sensor 1 is 3.00 ± 0.10 nm s⁻²")
-    text = words.sentence(finding("unknown:torquer torque", "x alone", share_x=(-3.26, 0.81, "1")))  # no law
-    assert text == "The share x is −326 ± 81 % (an effect in no list that follows torquer torque)."
+    text = words.sentence(finding("unknown:torquer torque", "x alone", x=(-3.26, 0.81, "1")))  # no law
+    assert text == "The share in x is −326 ± 81 % (an effect in no list that follows torquer torque)."
 
 
 def test_a_form_that_was_named_has_its_own_size_beside_what_is_left_if_all_are_free():
