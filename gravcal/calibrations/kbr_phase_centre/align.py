@@ -18,9 +18,9 @@ PER_DAY = 5  # files
 
 
 def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr.Dataset:
-    """Orbits, attitudes and ranging of one day or several.
+    """Product "kbr_phase_centre.align": orbits and attitudes on whole seconds, ranging at its own epochs.
 
-    Observed are KBR1B or LRI1B, then the orbits of both satellites, then their SCA1B; then the same of the next day.
+    Observed are KBR1B or LRI1B, both orbits, both SCA1B, then the same of the next day; break_limit_m as of `breaks`.
     """
     observed = _joined(observed)
     kbr, orbits, cameras = observed[0], observed[1:3], observed[3:5]
@@ -56,7 +56,7 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
 
 
 def _joined(observed):
-    """The five streams, those of further days behind."""
+    """Ranging, both orbits and both star cameras, five Datasets, each with the records of all days in a row."""
     if len(observed) == PER_DAY:
         return observed
     joined = []
@@ -81,7 +81,7 @@ def states(orbit: xr.Dataset) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _common_grid(times, observed):
-    """Whole seconds that the four streams and, within a minute, the ranging share."""
+    """Whole seconds (n,) that orbits, attitudes and, within a minute, ranging share; epochs (n_i,) s of the five."""
     names = [one.attrs.get("file", one.attrs.get("product", "")) for one in observed]
     for time, name in zip(times, names, strict=True):
         if time.size < 2:
@@ -99,7 +99,7 @@ def _common_grid(times, observed):
 
 
 def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray, gap_limit_s: float) -> np.ndarray:
-    """Samples (n, m) at given epochs (k,): as they are where they coincide, by a spline of degree 7 elsewhere.
+    """Samples (n, m) at other epochs (k,) s: as they are where epochs coincide, by a spline of degree 7 elsewhere.
 
     Between samples further apart than `gap_limit_s`, and outside, the result is NaN; time is strictly increasing.
     """
@@ -123,7 +123,7 @@ def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray, gap_limit
 
 
 def breaks(time: np.ndarray, distance: np.ndarray, rate: np.ndarray, acceleration: np.ndarray, limit: float):
-    """Records (n,) before which the range may have got another bias: a step against its derivatives, or a long gap.
+    """True for records (n,) before which the range bias may change: a step against its derivatives, or a long gap.
 
     Hermite: rho_1 - rho_0 = h (rho'_0 + rho'_1)/2 - h^2 (rho''_1 - rho''_0)/12 + O(h^5); limit in m.
     """

@@ -1,4 +1,4 @@
-"""What the records of a pair must satisfy against each other, and what its phase centres must."""
+"""Checks of the records of a pair against each other, and of its phase centres."""
 
 from collections.abc import Mapping
 
@@ -32,7 +32,7 @@ def of_inputs(
     """
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
     height = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS
-    apart = pointed["range_com"].values
+    separation = pointed["range_com"].values
     tests = []  # positions against velocities of every file, and the products of a satellite against each other
     for letter in sorted({one.attrs["satellite"] for one in orbits}):
         own = [one for one in orbits if one.attrs["satellite"] == letter]
@@ -44,8 +44,8 @@ def of_inputs(
             difference, name = orbit_difference(*states), f"orbit {letter}, {' against '.join(names)}"
             tests.append(at_most(name, difference, limits["orbit_difference_limit_m"], "m"))
     tests += [
-        at_least("separation, smallest", 1e-3 * np.nanmin(apart), limits["separation_minimum_km"], "km"),
-        at_most("separation, largest", 1e-3 * np.nanmax(apart), limits["separation_maximum_km"], "km"),
+        at_least("separation, smallest", 1e-3 * np.nanmin(separation), limits["separation_minimum_km"], "km"),
+        at_most("separation, largest", 1e-3 * np.nanmax(separation), limits["separation_maximum_km"], "km"),
         at_least("height, smallest", 1e-3 * np.nanmin(height), limits["height_minimum_km"], "km"),
         at_most("height, largest", 1e-3 * np.nanmax(height), limits["height_maximum_km"], "km"),
     ]
@@ -57,8 +57,8 @@ def of_inputs(
     if np.nanmax(np.abs(correction), initial=0.0) > 0.1:  # m: the file holds one, not zeros
         second = np.clip(np.rint(aligned["time_kbr"].values - pointed["time"].values[0]), 0, pointed.sizes["time"] - 1)
         own = model.antenna_correction(pointed["line_of_sight_b"].values[:, second.astype(int)], nominal)
-        left = float(np.nanmedian(np.abs(correction - own)))
-        tests.append(at_most("antenna correction of the file", 1e3 * left, limits["correction_limit_mm"], "mm"))
+        misfit = float(np.nanmedian(np.abs(correction - own)))
+        tests.append(at_most("antenna correction of the file", 1e3 * misfit, limits["correction_limit_mm"], "mm"))
     return checks.product(tests)
 
 
@@ -73,18 +73,18 @@ def orbit_difference(first, second) -> float:
 
 
 def _of_pointing(aligned, pointed, limits):
-    """Both satellites look at each other with z down, and turn no faster than the limit, from second to second."""
+    """Checks that both satellites look at each other with z down, and turn from second to second below the limit."""
     time, angle = pointed["time"].values, pointed["angle"].values
     routine = ~in_windows(time, np.stack([pointed["start"].values, pointed["stop"].values], axis=1), NEAR)
     tests = []
     for k, letter in enumerate(pointed.attrs["satellites"]):
         line = pointed["line_of_sight_b"].values[k]
         own = np.column_stack([angle[k], roll(aligned["position_i"].values[k], aligned["quaternion"].values[k], line)])
-        away = np.arccos(np.clip(line[:, 0], -1, 1))
+        off_axis = np.arccos(np.clip(line[:, 0], -1, 1))
         step = (own[1:] - own[:-1] + np.pi) % (2 * np.pi) - np.pi
         for name, values, limit, unit in (
-            ("routine pointing", away[routine], "pointing_limit_deg", "deg"),
-            ("largest angle", away, "largest_angle_deg", "deg"),
+            ("routine pointing", off_axis[routine], "pointing_limit_deg", "deg"),
+            ("largest angle", off_axis, "largest_angle_deg", "deg"),
             ("roll", own[:, 2], "roll_limit_deg", "deg"),
             ("pointing rate", step, "pointing_rate_limit_deg_s", "deg s-1"),
         ):
@@ -105,21 +105,21 @@ def roll(position_i: np.ndarray, quaternion: np.ndarray, line_of_sight_b: np.nda
 
 
 def _of_ranging(ranges, rates, nominal, limits):
-    """Ranging against orbits once the phase centres of the catalogue and a bias for each segment are taken off."""
+    """Checks of ranging against orbits, less catalogued phase centres (2, 3) m and a bias for each segment."""
     time, segment = ranges["time_kbr"].values, ranges["segment"].values
-    left = ranges["observed"].values - ranges["column"].values @ nominal.ravel()
-    kept = np.zeros(left.size, dtype=bool)
-    for one in np.unique(segment):
-        inside = segment == one
+    residual = ranges["observed"].values - ranges["column"].values @ nominal.ravel()
+    kept = np.zeros(residual.size, dtype=bool)
+    for number in np.unique(segment):
+        inside = segment == number
         if np.ptp(time[inside]) >= BRIDGED:
-            left[inside] -= np.median(left[inside])
+            residual[inside] -= np.median(residual[inside])
             kept |= inside
     rate = rates["observed"].values - rates["column"].values @ nominal.ravel()
-    size = lambda values: np.sqrt(np.mean(values**2)) if values.size else np.inf  # noqa: E731
+    rms = lambda values: np.sqrt(np.mean(values**2)) if values.size else np.inf  # noqa: E731
     largest = np.abs(rate).max(initial=0.0) if rate.size else np.inf
     return [
-        at_most("range against orbits, rms", 1e3 * size(left[kept]), limits["range_limit_mm"], "mm"),
-        at_most("range rate against orbits, rms", 1e6 * size(rate), limits["range_rate_limit_um_s"], "um s-1"),
+        at_most("range against orbits, rms", 1e3 * rms(residual[kept]), limits["range_limit_mm"], "mm"),
+        at_most("range rate against orbits, rms", 1e6 * rms(rate), limits["range_rate_limit_um_s"], "um s-1"),
         at_most("range rate against orbits, largest", 1e6 * largest, limits["range_rate_largest_um_s"], "um s-1"),
         at_least("ranging in long stretches", kept.mean() if kept.size else 0.0, limits["ranging_minimum"], "1"),
     ]
@@ -128,14 +128,14 @@ def _of_ranging(ranges, rates, nominal, limits):
 def of_result(
     combined: xr.Dataset, probabilities: Mapping[str, float | None], nominal_m, limits: Mapping
 ) -> list[Check]:
-    """Checks of the phase centres: fit, wiggles, observables, robust weights, size; none where nothing was found.
+    """Checks of the phase centres: fit, wiggles, observables, robust weights, size; none where none is determined.
 
     The probabilities are that the wiggles agree, by observable, None with too few of them; nominal_m (2, 3) m.
     """
     row = OBSERVABLES.index(combined.attrs["adopted_observable"])
     column = ESTIMATORS.index(combined.attrs["adopted_estimator"])
-    known = combined["determined"].values[row, 0] != 0
-    if not known.any():
+    determined = combined["determined"].values[row, 0] != 0
+    if not determined.any():
         return []
     centre, covariance = combined["centre"].values[:, 0], combined["covariance"].values[:, 0]
     sigma = np.sqrt(np.diagonal(covariance, axis1=-2, axis2=-1))
@@ -146,14 +146,14 @@ def of_result(
         for name, p in probabilities.items()
         if p is not None
     ]
-    apart = (np.abs(centre - centre[row, column]) / np.maximum(sigma, sigma[row, column]))[..., known]
-    tests.append(at_most("observables apart", apart[:, column].max(), limits["observables_limit"], "sigma"))
-    tests.append(at_most("robust apart from ls", apart[row].max(), limits["robust_limit"], "sigma"))
-    away = 1e3 * np.abs(centre[row, column] - np.asarray(nominal_m, dtype=float).ravel())
+    deviation = (np.abs(centre - centre[row, column]) / np.maximum(sigma, sigma[row, column]))[..., determined]
+    tests.append(at_most("observables apart", deviation[:, column].max(), limits["observables_limit"], "sigma"))
+    tests.append(at_most("robust apart from ls", deviation[row].max(), limits["robust_limit"], "sigma"))
+    distance = 1e3 * np.abs(centre[row, column] - np.asarray(nominal_m, dtype=float).ravel())
     for k, letter in enumerate(combined.attrs["satellites"]):
         for axes, place, limit in (("x", [0], "plausible_x_mm"), ("y and z", [1, 2], "plausible_yz_mm")):
-            own = [3 * k + i for i in place if known[3 * k + i]]
-            if own:
-                value = away[own].max()
+            indices = [3 * k + i for i in place if determined[3 * k + i]]
+            if indices:
+                value = distance[indices].max()
                 tests.append(at_most(f"{axes} of {letter} against the catalogue", value, limits[limit], "mm"))
     return tests

@@ -77,9 +77,9 @@ def estimate(
 class Arc:
     """One manoeuvre after whitening and projection."""
 
-    index: np.ndarray  #: (n,) places in the observations
+    index: np.ndarray  #: (n,) row numbers in the observations
     observed: np.ndarray  #: (n,) whitened, nuisance projected out
-    column: np.ndarray  #: (n, 6) the same
+    column: np.ndarray  #: (n, 6) of the phase centres, the same; (n, 7) with the range bias of the published method
     basis: np.ndarray  #: (n, k) orthonormal, whitened nuisance
 
 
@@ -96,7 +96,7 @@ def solve(
     nominal_m,
     published_trim_s: float,
 ) -> xr.Dataset:
-    """Phase centres of both satellites from one observable, "range", "range_rate" or "range_acceleration".
+    """Product "kbr_phase_centre.solve": phase centres from "range", "range_rate" or "range_acceleration".
 
     The method "published" makes the choices of the source paper; x is held at nominal_m (2, 3) m in the sub-sets that
     fix it.
@@ -123,7 +123,7 @@ def solve(
 
 
 def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: int, highest_hz: float) -> list[Arc]:
-    """All manoeuvres whose epochs outnumber the unknowns; an EstimationError for a stretch of more than `LONGEST`.
+    """Whitened manoeuvres, those with more epochs than unknowns; an EstimationError for one of more than `LONGEST`.
 
     The polynomial that takes up slow orbit errors of the range has a degree lower by one for each derivative;
     satellites move up to `highest_hz`.
@@ -155,7 +155,7 @@ def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: i
 
 
 def of_manoeuvres(equations: xr.Dataset) -> list[np.ndarray]:
-    """Places of the observations of each manoeuvre."""
+    """Row numbers (n,) of the observations of each manoeuvre."""
     return [np.flatnonzero(equations["arc"].values == k) for k in range(equations.sizes["manoeuvre"])]
 
 
@@ -173,18 +173,18 @@ def published_arcs(equations: xr.Dataset, derivative: int, trim_s: float) -> lis
         index = np.flatnonzero(inside & (equations["arc"].values == k))
         if index.size < 30:
             continue
-        observed, part = equations["observed"].values[index], column[index]
+        observed, columns = equations["observed"].values[index], column[index]
         if degree[derivative] is not None:
             slow = least_squares.polynomial(time[index], degree[derivative], start, stop)
             observed = least_squares.project_out(slow, observed)
         if derivative == 0:
-            part = np.column_stack([part, np.ones(index.size)])
-        result.append(Arc(index, observed, part, np.zeros((index.size, 0))))
+            columns = np.column_stack([columns, np.ones(index.size)])
+        result.append(Arc(index, observed, columns, np.zeros((index.size, 0))))
     return result
 
 
 def _subset(name, parts, sign, nominal, constants, band):
-    """Least squares and robust values, covariances and formal errors of one sub-set of the manoeuvres."""
+    """Phase centres (2, 6) m of a sub-set of arcs by least squares and robust, and their errors, {variable: array}."""
     result = {
         "centre": np.full((2, 6), np.nan),
         "covariance": np.full((2, 6, 6), np.nan),
@@ -193,23 +193,23 @@ def _subset(name, parts, sign, nominal, constants, band):
         "sigma0": np.full(2, np.nan),
         "kept": np.nan,
     }
-    wanted = {"positive": sign > 0, "mirror": sign < 0}.get(name.removesuffix("_x_fixed"), np.ones(len(parts), bool))
-    chosen = [part for part, use in zip(parts, wanted, strict=True) if use]
-    if not chosen:
+    in_subset = {"positive": sign > 0, "mirror": sign < 0}.get(name.removesuffix("_x_fixed"), np.ones(len(parts), bool))
+    subset = [part for part, use in zip(parts, in_subset, strict=True) if use]
+    if not subset:
         return result
-    extra = chosen[0].column.shape[1] - 6  # the common bias of the published range solution
-    free = np.append(~X if name.endswith("_x_fixed") else np.ones(6, dtype=bool), np.ones(extra, dtype=bool))
-    start = np.append(np.where(free[:6], 0.0, nominal), np.zeros(extra))
-    whole = np.concatenate([part.column for part in chosen])
-    observed = np.concatenate([part.observed for part in chosen]) - whole @ start
-    design = whole[:, free]
-    unknowns = design.shape[1] + sum(part.basis.shape[1] for part in chosen)
+    biases = subset[0].column.shape[1] - 6  # the common bias of the published range solution
+    free = np.append(~X if name.endswith("_x_fixed") else np.ones(6, dtype=bool), np.ones(biases, dtype=bool))
+    start = np.append(np.where(free[:6], 0.0, nominal), np.zeros(biases))
+    columns = np.concatenate([part.column for part in subset])
+    observed = np.concatenate([part.observed for part in subset]) - columns @ start
+    design = columns[:, free]
+    unknowns = design.shape[1] + sum(part.basis.shape[1] for part in subset)
     normal = design.T @ design
     value = least_squares.stable_inverse(normal) @ (design.T @ observed)
     residual = observed - design @ value
     variance = residual @ residual / max(observed.size - unknowns, 1)
     sharp = robust.solve(observed, design, constants, unknowns)
-    shape = band_variance(chosen, residual, *band) / variance if band else 1.0
+    shape = band_variance(subset, residual, *band) / variance if band else 1.0
     place = np.flatnonzero(free[:6])
     solutions = (value, normal / (variance * shape), 1.0), (sharp.value, sharp.information / shape, sharp.formal_factor)
     for k, (estimate, information, formal) in enumerate(solutions):
@@ -218,47 +218,47 @@ def _subset(name, parts, sign, nominal, constants, band):
         result["centre"][k, place] += estimate[: place.size]
         result["covariance"][k][np.ix_(place, place)] = covariance
         result["formal_sigma"][k, place] = np.sqrt(np.diag(covariance) / shape) * formal
-    size = np.linalg.svd(design, compute_uv=False)
-    result["condition"] = float(size[0] / size[-1]) if size[-1] > 0 else np.inf
+    singular = np.linalg.svd(design, compute_uv=False)
+    result["condition"] = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
     result["sigma0"] = np.sqrt(np.array([variance * shape, sharp.scale**2]))
     result["kept"] = float(sharp.weight.mean())
     return result
 
 
 def band_variance(parts: list[Arc], residual: np.ndarray, low_hz: float, high_hz: float, step_s: float) -> float:
-    """Variance of whitened residuals (n,) of all parts within a band, one where the noise is as measured."""
+    """Power of whitened residuals (n,) in a frequency band over that expected; one where the noise is as measured."""
     power = expected = 0.0
     cuts = np.cumsum([part.observed.size for part in parts])[:-1]
-    for part, left in zip(parts, np.split(residual, cuts), strict=True):
-        frequency = np.fft.rfftfreq(left.size, step_s)
+    for part, piece in zip(parts, np.split(residual, cuts), strict=True):
+        frequency = np.fft.rfftfreq(piece.size, step_s)
         inside = (frequency >= low_hz) & (frequency <= high_hz)
-        taken = np.column_stack([part.basis, least_squares.orthonormal(part.column)])
-        power += np.sum(np.abs(np.fft.rfft(left)[inside]) ** 2) / left.size
-        expected += inside.sum() - np.sum(np.abs(np.fft.rfft(taken, axis=0)[inside]) ** 2) / left.size
+        fitted = np.column_stack([part.basis, least_squares.orthonormal(part.column)])
+        power += np.sum(np.abs(np.fft.rfft(piece)[inside]) ** 2) / piece.size
+        expected += inside.sum() - np.sum(np.abs(np.fft.rfft(fitted, axis=0)[inside]) ** 2) / piece.size
     return power / max(expected, 1.0)
 
 
 def _by_manoeuvre(equations, parts, numbers, joint, scale):
-    """The transverse component that each manoeuvre tells by itself, others held at the joint solution."""
+    """Transverse component m of each manoeuvre alone, others held at `joint` (6,) m, and the chi-square of them."""
     value, sigma = (np.full(equations.sizes["manoeuvre"], np.nan) for _ in range(2))
-    chi2, places = 0.0, set()
+    chi2, parameters = 0.0, set()
     for part, k in zip(parts, numbers, strict=True):
-        place = 3 * int(equations["satellite_index"][k]) + (2, 1)[int(equations["axis_index"][k])]
-        column = part.column[:, place]
-        left = part.observed - part.column[:, :6] @ joint
+        parameter = 3 * int(equations["satellite_index"][k]) + (2, 1)[int(equations["axis_index"][k])]
+        column = part.column[:, parameter]
+        residual = part.observed - part.column[:, :6] @ joint
         if part.column.shape[1] > 6:
-            left = left - left.mean()
-        size = column @ column
-        value[k] = joint[place] + column @ left / size
-        sigma[k] = scale / np.sqrt(size)
-        chi2 += float((column @ left) ** 2 / size / scale**2)
-        places.add(place)
-    dof = max(len(parts) - len(places), 0)
+            residual = residual - residual.mean()
+        information = column @ column
+        value[k] = joint[parameter] + column @ residual / information
+        sigma[k] = scale / np.sqrt(information)
+        chi2 += float((column @ residual) ** 2 / information / scale**2)
+        parameters.add(parameter)
+    dof = max(len(parts) - len(parameters), 0)
     return {"arc_value": value, "arc_sigma": sigma, "arcs_chi2": chi2, "arcs_dof": dof}
 
 
 def _series(equations, parts, centre, derivative, degree):
-    """Observations and model of the manoeuvres with the slow part removed, and their densities."""
+    """Detrended observations and model of the manoeuvres, and their spectral densities, {variable: array}."""
     time, step = equations["time_kbr"].values, float(np.median(np.diff(equations["time_kbr"].values)))
     index = np.concatenate([part.index for part in parts]) if parts else np.zeros(0, dtype=int)
     series, pieces = [np.zeros((0, 2))], []
@@ -287,7 +287,7 @@ def combine(
     determined_limit_mm: float,
     offset_deg: float,
 ) -> xr.Dataset:
-    """Estimates of all observables beside each other, one "kbr_phase_centre.solve" per observable."""
+    """Product "kbr_phase_centre.combine": all estimates stacked, from one "kbr_phase_centre.solve" per observable."""
     values = {name: np.stack([one[name].values for one in solved]) for name in STACKED}
     values["determined"] = _determined(values["covariance"], determined_limit_mm)
     values["shift"] = values["centre"][:, :, 0] - values["centre"][:, :1, 0]
@@ -307,7 +307,7 @@ def combine(
 def with_model_error(
     combined: xr.Dataset, *moved: xr.Dataset, determined_limit_mm: float, added: str = ""
 ) -> xr.Dataset:
-    """Result with covariances that hold the errors of the effects that were taken out of the records before.
+    """Combined product with the errors of the effects taken out of the records before in its covariances.
 
     One moved "kbr_phase_centre.combine" for each direction of the model's errors; added as of `schemas.widened`.
     """
@@ -316,6 +316,6 @@ def with_model_error(
 
 
 def _determined(covariance, limit_mm):
-    """Which parameters of least squares are known better than the limit (observable, subset, parameter)."""
+    """True (observable, subset, parameter) where the sigma of least squares is at most limit_mm."""
     sigma = np.sqrt(np.diagonal(covariance[:, :, 0], axis1=-2, axis2=-1))
     return np.isfinite(sigma) & (sigma <= 1e-3 * limit_mm)

@@ -39,7 +39,7 @@ class Wiggle:
 
     satellite_index: int  #: 0 or 1
     axis_index: int  #: 0 pitch, 1 yaw
-    sign: int  #: of the offset, 0 without one
+    sign: int  #: of the offset angle, 0 without one
     start: float  #: s, first slew
     stop: float  #: s, last slew
     offset: float  #: rad, mean angle
@@ -49,9 +49,9 @@ class Wiggle:
 def pointing(
     aligned: xr.Dataset, *, nominal_m, given, period_s: float, offset_limit_deg: float, amplitude_limit_deg: float
 ) -> xr.Dataset:
-    """Observation geometry on whole seconds, and the sub-manoeuvres found in the pointing angles.
+    """Product "kbr_phase_centre.pointing": geometry on whole seconds, and sub-manoeuvres from the pointing angles.
 
-    nominal_m (2, 3) m is for the part square in the phase centres; given (k, 5) are satellite, axis, sign, start and
+    nominal_m (2, 3) m is for the second order in the phase centres; given (k, 5) are satellite, axis, sign, start and
     stop of the catalogue's manoeuvres, which are looked for if it has none.
     """
     time, position, quaternion = (aligned[n].values for n in ("time", "position_i", "quaternion"))
@@ -105,7 +105,7 @@ def angles(line_of_sight_b: np.ndarray) -> np.ndarray:
 
 
 def second_order(position_i: np.ndarray, quaternion: np.ndarray, nominal: np.ndarray) -> np.ndarray:
-    """What the linear columns leave out of the range (n,) m, of phase centres near their nominal place (2, 3) m in b.
+    """Second order (n,) m of the range in the phase centres, at their nominal place (2, 3) m in b.
 
     |u + v| - |u| - e.v = |v_perp|^2 / (2 |u|), 13 nm at 3 deg and 220 km; equations.md M3. u = |u| e lies between the
     centres of mass, from position_i (2, n, 3) m; v is what the phase centres add, by quaternion (2, n, 4).
@@ -129,14 +129,14 @@ def antenna_correction(line_of_sight_b: np.ndarray, centre_b: np.ndarray) -> np.
 
 
 def measured(time, angle, satellite, axis, sign, start, stop, period: float) -> Wiggle:
-    """A manoeuvre of the catalogue with its offset and amplitude as measured in the angles (2, n, 2) rad."""
-    own = angle[int(satellite), :, int(axis)]
-    inside = (time > start + period / 2) & (time < stop - period / 2) & np.isfinite(own)
+    """Wiggle of a catalogued manoeuvre, its offset and amplitude measured in the pointing angles (2, n, 2) rad."""
+    signal = angle[int(satellite), :, int(axis)]
+    inside = (time > start + period / 2) & (time < stop - period / 2) & np.isfinite(signal)
     if not inside.any():
         return Wiggle(satellite, axis, sign, start, stop, np.nan, np.nan)
-    wave = np.exp(-2j * np.pi * (time[inside] - start) / period)
-    offset = float(own[inside].mean())
-    amplitude = float(2 * abs(np.mean((own[inside] - offset) * wave)))
+    carrier = np.exp(-2j * np.pi * (time[inside] - start) / period)
+    offset = float(signal[inside].mean())
+    amplitude = float(2 * abs(np.mean((signal[inside] - offset) * carrier)))
     return Wiggle(satellite, axis, sign, start, stop, offset, amplitude)
 
 
@@ -161,7 +161,7 @@ def wiggles(time, angle, satellite, axis, period, offset_limit, amplitude_limit)
         last = end - 1
         margin = (last - begin) // 8
         inside = slice(begin + margin, last - margin)
-        before, after = filled[max(begin - 1000, 0) : max(begin - 200, 1)], filled[last + 200 : last + 1000]
+        before, after = filled[max(begin - 1000, 0) : max(begin - 200, 1)], filled[last + 200 : last + 1000]  # s
         rest = np.median(np.concatenate([before, after]))
         offset, size = float(mean[inside].mean()), float(np.median(amplitude[inside]))
         sign = int(np.sign(offset)) if abs(offset) > offset_limit else 0
@@ -185,7 +185,7 @@ def middle(pointed: xr.Dataset) -> float:
 
 
 def _running_mean(values, count):
-    """Mean over one period centred on each sample, shorter at the ends."""
+    """Mean (n,) over `count` samples, one period, centred on each of the values (n,), shorter at the ends."""
     window, known = np.ones(count), np.ones(values.size)
     return np.convolve(values, window, "same") / np.convolve(known, window, "same")
 
@@ -202,9 +202,9 @@ def observable(
     nominal_m,
     published_half_width: int,
 ) -> xr.Dataset:
-    """Ranging minus orbit and its columns at the ranging epochs, of one observable.
+    """Product "kbr_phase_centre.observable": ranging minus orbit, columns, levers at the ranging epochs.
 
-    The range of the centres of mass, the columns and the part square in the offsets pass through the CRN filter that
+    The range of the centres of mass, the columns and the second order in the offsets pass through the CRN filter that
     made range, rate and acceleration of the ranging product; nothing is differentiated in another way. nominal_m (2, 3)
     m is for the lever arm of pointing errors.
     """
@@ -212,24 +212,24 @@ def observable(
     time, at = pointed["time"].values, aligned["time_kbr"].values
     good = pointed["usable"].values != 0
     filter_ = crn.Crn(window_s=crn_window_s, bandwidth_hz=crn_bandwidth_hz)
-    through = [crn.operator(filter_, order, good, (time[0], 1.0), at) for order in range(derivative + 1)]
+    operators = [crn.operator(filter_, order, good, (time[0], 1.0), at) for order in range(derivative + 1)]
     line = np.concatenate(list(pointed["line_of_sight_b"].values), axis=1)
-    modelled = through[-1](np.column_stack([pointed["range_com"].values + pointed["second_order"].values, -line]))
-    arms = line[:, [2, 1, 5, 4]] * np.repeat(np.asarray(nominal_m, dtype=float).reshape(2, 3)[:, 0], 2)
-    valid = through[-1].valid & (aligned["kbr_flag"].values == 0)
+    modelled = operators[-1](np.column_stack([pointed["range_com"].values + pointed["second_order"].values, -line]))
+    levers = line[:, [2, 1, 5, 4]] * np.repeat(np.asarray(nominal_m, dtype=float).reshape(2, 3)[:, 0], 2)
+    valid = operators[-1].valid & (aligned["kbr_flag"].values == 0)
     spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
     epochs = np.clip(np.rint(at - time[0]).astype(int), 0, time.size - 1)
     published, step = -line[epochs], float(np.median(np.diff(at))) if at.size > 1 else 1.0
     for _ in range(
         derivative
     ):  # D and D D of Remote Sens. 2022, 14, 3395, eqs. 17, 19; no window printed (erratum K-4)
-        about = {"deriv": 1, "delta": step, "axis": 0, "mode": "nearest"}
-        published = savgol_filter(published, 2 * published_half_width + 1, 3, **about)
+        options = {"deriv": 1, "delta": step, "axis": 0, "mode": "nearest"}
+        published = savgol_filter(published, 2 * published_half_width + 1, 3, **options)
     values = {
         "time_kbr": at,
         "observed": aligned[f"reading_{variant}"].values - modelled[:, 0],
         "column": modelled[:, 1:],
-        "lever": np.stack([filtered(arms) for filtered in through], axis=1),
+        "lever": np.stack([filtered(levers) for filtered in operators], axis=1),
         "published_column": published,
         "arc": arcs(at, spans, trim_s, quiet_margin_s),
         "segment": aligned["segment"].values,
@@ -242,7 +242,7 @@ def observable(
 
 
 def arcs(time: np.ndarray, spans: np.ndarray, trim: float, margin: float) -> np.ndarray:
-    """Manoeuvre of every epoch (m,); -1 in quiet data, -2 near one of the spans (k, 2) s but not in it."""
+    """Number of the manoeuvre of every epoch (m,); -1 in quiet data, -2 near one of the spans (k, 2) s, not in it."""
     result = np.full(time.size, -1)
     for start, stop in spans:
         result[(time > start - margin) & (time < stop + margin) & (result == -1)] = -2

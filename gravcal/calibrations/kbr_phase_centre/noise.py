@@ -22,22 +22,22 @@ from gravcal.estimation import noise as noises
 from gravcal.estimation.resampling import on_even_grid
 
 LEAST_DEGREE = 6  # fewer leave slow orbit errors of a short stretch, which raise the density at 4 mHz up to 80 times
-SHORTEST = 60  # epochs of a stretch that says something of the noise
+SHORTEST = 60  # least epochs of a stretch from which noise is measured
 #: Hz, of the spectrum of the range: orbit errors fall by 1e4 in power from 1 to 6 mHz, the filter ends at 0.1 Hz.
 KNOTS_HZ = 1e-3 * np.array([0.5, 0.8, 1.2, 1.7, 2.3, 3, 4, 5.5, 7.5, 10, 14, 20, 30, 50, 70, 80, 90, 100])
-CORNERS = np.array([3e-3, 1e-2, 3e-2, 1e3])  # Hz, of star camera noise; the last one is white
+CORNERS = np.array([3e-3, 1e-2, 3e-2, 1e3])  # Hz, of first-order low-pass parts of star camera noise; the last is white
 BINS = 4096  # frequencies between zero and Nyquist
 FITTED_HZ = (2.5e-3, 6e-2)  # where neither the polynomial nor the edge of the filter shapes the residual
-FLOOR_HZ = 5e-4  # below it derivatives of the noise are held, so that their covariance keeps an inverse
-STEEP = 4  # of the power above the frequencies of the motion
-RESTRICTED_STEPS = 4  # of the scoring
-SEEN_HZ = (1.5e-3, 2.5e-2)  # where the manoeuvres say more of the spectrum than quiet data leave open
-BESIDE, DEPENDENT = 1e-4, 1e-2  # share of a candidate beside the baseline, and singular values of it, that count
+FLOOR_HZ = 5e-4  # below it the gain of derivatives is held constant, so that their covariance stays invertible
+STEEP = 4  # exponent by which the density is raised above the frequencies of the motion
+RESTRICTED_STEPS = 4  # iterations of the Fisher scoring
+SEEN_HZ = (1.5e-3, 2.5e-2)  # knots in it are estimated again from the manoeuvres, which add to what quiet data show
+BESIDE, DEPENDENT = 1e-4, 1e-2  # least relative norm of a candidate less its projection, least singular value
 SMALL = 0.2  # levers below this share of the largest one add less than 4 % to the variance of the pointing part
 
 
 def noise(equations: xr.Dataset, *, noise_degree: int, quiet_length_s: float, quiet_minimum_s: float) -> xr.Dataset:
-    """Spectrum of the range residual in all quiet data; from the manoeuvres where there is too little of it."""
+    """Product "kbr_phase_centre.noise": spectrum of the range residual in quiet data, else in manoeuvres."""
     time = equations["time_kbr"].values
     step = float(np.median(np.diff(time))) if time.size > 1 else 5.0
     quiet, source = equations["arc"].values == -1, "quiet"
@@ -81,38 +81,38 @@ def spectrum(measured: xr.Dataset) -> noises.Spectrum:
 
 
 def _pieces(equations, stretches, centre, degree, length, step):
-    """Residuals (n,) of pieces of stretches on their even grid, NaN where missing, and columns of what is no noise.
+    """Pieces of stretches on even grids, NaN where missing: list of residual (n,) m and nuisance columns (n, k).
 
-    The phase centres are those of the manoeuvres; free ones would take up the noise at twice the periods of pointing.
+    Stretches are row numbers; a known `centre` (6,) m is used: a free one takes up noise at twice the pointing periods.
     """
     time, column = (equations[name].values for name in ("time_kbr", "column"))
     known = np.isfinite(centre).all()
     observed = equations["observed"].values - (column @ centre if known else 0.0)
     column = column[:, [] if known else [1, 2, 4, 5]]
     pieces = []
-    for whole in stretches:
-        count = int(np.ceil((time[whole[-1]] - time[whole[0]]) / (1.5 * length)))
-        for part in np.array_split(whole, max(count, 1)):
-            span = time[part[-1]] - time[part[0]]
-            used = max(int(np.ceil(degree * span / length)), LEAST_DEGREE)
-            if part.size < max(SHORTEST, 4 * used, 0.7 * span / step):
+    for stretch in stretches:
+        count = int(np.ceil((time[stretch[-1]] - time[stretch[0]]) / (1.5 * length)))
+        for rows in np.array_split(stretch, max(count, 1)):
+            span = time[rows[-1]] - time[rows[0]]
+            piece_degree = max(int(np.ceil(degree * span / length)), LEAST_DEGREE)
+            if rows.size < max(SHORTEST, 4 * piece_degree, 0.7 * span / step):
                 continue
-            slow = least_squares.polynomial(time[part], used, time[part[0]], time[part[-1]])
-            values = np.column_stack([observed[part] - observed[part].mean(), slow, column[part]])
-            values = on_even_grid(time[part], step, values)
+            slow = least_squares.polynomial(time[rows], piece_degree, time[rows[0]], time[rows[-1]])
+            values = np.column_stack([observed[rows] - observed[rows].mean(), slow, column[rows]])
+            values = on_even_grid(time[rows], step, values)
             pieces.append((values[:, 0], values[:, 1:]))
     return pieces
 
 
 def _left(values, columns):
-    """Values beside columns, NaN where missing."""
-    good, left = np.isfinite(values), np.full(values.size, np.nan)
-    left[good] = least_squares.project_out(least_squares.orthonormal(columns[good]), values[good])
-    return left
+    """Residual (n,) of values (n,) after least squares for columns (n, k), NaN where a value is missing."""
+    good, residual = np.isfinite(values), np.full(values.size, np.nan)
+    residual[good] = least_squares.project_out(least_squares.orthonormal(columns[good]), values[good])
+    return residual
 
 
 def density(pieces: list[np.ndarray], step_s: float, frequency_hz: np.ndarray) -> np.ndarray:
-    """Mean one-sided periodogram (m,) of pieces (n_i,), NaN where missing, Hann window, at given frequencies (m,)."""
+    """Mean one-sided periodogram (m,) unit2 Hz-1 of pieces (n_i,), NaN where missing, Hann window, at frequencies."""
     total = np.zeros(frequency_hz.size)
     for piece in pieces:
         window = np.hanning(piece.size + 2)[1:-1] * np.isfinite(piece)
@@ -122,7 +122,7 @@ def density(pieces: list[np.ndarray], step_s: float, frequency_hz: np.ndarray) -
 
 
 def images(step_s: float) -> np.ndarray:
-    """BINS + 1 frequencies up to Nyquist and those beyond it that sampling folds onto them, (2, m) Hz."""
+    """Aliasing pairs (2, m) Hz: BINS + 1 frequencies up to Nyquist, and those beyond that sampling folds onto them."""
     frequency = np.linspace(0, 0.5 / step_s, BINS + 1)
     return np.stack([frequency, 1 / step_s - frequency])
 
@@ -136,7 +136,7 @@ def passed(step_s: float) -> np.ndarray:
 def shapes(step_s: float, smoothed_hz: float = np.inf) -> np.ndarray:
     """Power spectral densities 1 / (1 + (f / corner)^2) after the CRN filter, at `images`, (corner, 2, m).
 
-    The last corner lies beyond all frequencies: white noise, which lines of sight show through their own low-pass.
+    The last corner lies beyond all frequencies: white noise, through the low-pass `smoothed` of the lines of sight.
     """
     densities = passed(step_s) / (1 + (images(step_s) / CORNERS[:, None, None]) ** 2)
     # gain of `smoothed`, about 1 / (1 + (f / fc)^8), 0.9 at the frequency it keeps
@@ -146,7 +146,7 @@ def shapes(step_s: float, smoothed_hz: float = np.inf) -> np.ndarray:
 
 
 def smoothed(values: np.ndarray, smoothed_hz: float) -> np.ndarray:
-    """Series (n, k) of whole seconds, NaN where missing, whose fourth differences are small; missing samples too.
+    """Whittaker smoothing of a series (n, k) of whole seconds, fourth differences penalised; NaN samples are filled.
 
     Minimum of sum (y - z)^2 + w sum (D^4 z)^2; Whittaker, Proc. Edinburgh Math. Soc. 41 (1923); w as in `shapes`.
     """
@@ -162,22 +162,22 @@ def smoothed(values: np.ndarray, smoothed_hz: float) -> np.ndarray:
 
 
 def of_star_cameras(measured: xr.Dataset, lever: np.ndarray, highest_hz: float) -> bool:
-    """Whether above the frequencies of the motion star cameras add more noise to the range than there is in it.
+    """True if above the frequencies of the motion star cameras add more noise to the range than it has itself.
 
     Levers (n, 4) are m per rad in the manoeuvres.
     """
     step = float(measured.attrs["step_s"])
     power = np.einsum("c,cm->m", measured["pointing_power"].values, shapes(step)[:, 0])
     frequency = images(step)[0]
-    here = (frequency > highest_hz) & (frequency < FITTED_HZ[1])
-    range_ = spectrum(measured).density(frequency[here])
-    return bool(np.mean(power[here] / range_) * np.mean(lever**2, axis=0).max(initial=0.0) > 1)
+    in_band = (frequency > highest_hz) & (frequency < FITTED_HZ[1])
+    range_power = spectrum(measured).density(frequency[in_band])
+    return bool(np.mean(power[in_band] / range_power) * np.mean(lever**2, axis=0).max(initial=0.0) > 1)
 
 
 def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> tuple[list[tuple[np.ndarray, np.ndarray]], np.ndarray]:
-    """Ordinary least squares: residual (n,) m and lever (n, 4) m of each manoeuvre on its even grid, and phase centres.
+    """Residual (n,) m and lever (n, 4) m per rad of each manoeuvre on its even grid, and phase centres (6,) m.
 
-    The phase centres (6,) m are NaN without manoeuvres.
+    By ordinary least squares over all manoeuvres together; the phase centres are NaN without manoeuvres.
     """
     time, number, segment = (equations[n].values for n in ("time_kbr", "arc", "segment"))
     observed, column, lever = (equations[n].values for n in ("observed", "column", "lever"))
@@ -199,7 +199,7 @@ def manoeuvre_residuals(equations: xr.Dataset, degree: int) -> tuple[list[tuple[
 
 
 def slow_columns(time: np.ndarray, segment: np.ndarray, degree: int, derivative: int) -> np.ndarray:
-    """Legendre polynomials (n, k) of time (n,) s and, for the range, a bias for every further segment (n,)."""
+    """Nuisance columns (n, k): Legendre polynomials of time (n,) s; for the range a bias for every further segment."""
     if time.size < 2:
         return np.zeros((time.size, degree + 1))
     slow = least_squares.polynomial(time, degree, time[0], time[-1])
@@ -209,7 +209,7 @@ def slow_columns(time: np.ndarray, segment: np.ndarray, degree: int, derivative:
 
 
 def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.Spectrum, step: float) -> np.ndarray:
-    """Densities of the star camera noise below each corner (corner,) rad^2 Hz^-1, none negative.
+    """Densities (corner,) rad2 Hz-1 of the parts of star camera noise below their corners, none negative.
 
     The covariance of g(t) phi(t) is on average mean(g(t) g(t + tau)) C(tau); its density is fitted to the excess of the
     periodograms of `manoeuvre_residuals` over the noise of the range with weights 1/density.
@@ -227,9 +227,9 @@ def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.Sp
         energy = np.sum(window**2)
         power += np.abs(np.fft.rfft(np.nan_to_num(piece) * window, 2 * length)) ** 2 * 2 * step / energy
         arm_power = (np.abs(np.fft.rfft(lever * window[:, None], 2 * length, axis=0)) ** 2).sum(axis=1)
-        overlap = np.fft.irfft(arm_power, 2 * length)[:length] / energy
+        lever_correlation = np.fft.irfft(arm_power, 2 * length)[:length] / energy
         for k, lag in enumerate(lags):
-            covariance = overlap * lag
+            covariance = lever_correlation * lag
             model[:, k] += np.fft.rfft(np.concatenate([covariance, [0.0], covariance[:0:-1]])).real * 2 * step
     used = (frequency >= FITTED_HZ[0]) & (frequency <= FITTED_HZ[1])
     power, model = power[used] / len(pieces), model[used] / len(pieces)
@@ -243,16 +243,16 @@ def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.Sp
 
 @dataclass(frozen=True)
 class Lags:
-    """Covariances by lag of the noise of range, range rate or range acceleration."""
+    """Autocovariances by lag of the noise of range, range rate or range acceleration."""
 
-    ranging: np.ndarray  #: (n,) of ranging and orbit
+    ranging: np.ndarray  #: (n,) m2 s**(-2 derivative), of ranging and orbit
     #: {(a, b): (2 n - 1,)} between derivatives a and b of the pointing noise, lags -(n - 1) .. n - 1
     pointing: dict[tuple[int, int], np.ndarray]
     derivative: int  #: 0, 1 or 2
 
 
 def lags(measured: xr.Dataset, derivative: int, count: int, highest_hz: float = np.inf) -> Lags:
-    """Covariances of the noise of the range or a derivative (0, 1 or 2) of it, by so many lags.
+    """Autocovariances of the noise of the range or a derivative (0, 1 or 2) of it, at `count` lags of one step.
 
     Above `highest_hz`, where the lines of sight as measured are noise of the star cameras, no motion, the density is
     raised steeply: columns with errors would else be weighted by them, and what is estimated comes out too small.
@@ -268,24 +268,24 @@ def lags(measured: xr.Dataset, derivative: int, count: int, highest_hz: float = 
 
 
 def lags_of_densities(ranging: np.ndarray, pointing: np.ndarray, step_s: float, derivative: int, count: int) -> Lags:
-    """Covariances by lag from the densities of the range and of the pointing error.
+    """Autocovariances at `count` lags from the densities of the range and of the pointing error.
 
     Ranging (m,) m2 Hz-1 is one-sided, as sampled, pointing (2, m) rad2 Hz-1 one-sided, not folded, at `images`. The
     power of a derivative over that of the range is that of the same white phase through the CRN filter, as sampled.
     """
 
-    def transformed(spectrum):  # negative lags at the end
+    def transformed(spectrum):  # covariance by lag, negative lags at the end
         return np.fft.irfft(spectrum, 2 * BINS) * (0.5 / step_s)
 
-    turn, share = 2 * np.pi * images(step_s), passed(step_s) + 1e-12
-    held = np.maximum(turn, 2 * np.pi * FLOOR_HZ)
-    gain = (share * held ** (2 * derivative)).sum(axis=0) / share.sum(axis=0)
+    omega, power_gain = 2 * np.pi * images(step_s), passed(step_s) + 1e-12
+    omega_held = np.maximum(omega, 2 * np.pi * FLOOR_HZ)
+    gain = (power_gain * omega_held ** (2 * derivative)).sum(axis=0) / power_gain.sum(axis=0)
     pairs = {}
     if np.any(pointing):
         for a in range(derivative + 1):
             for b in range(derivative + 1):
-                own, folded = pointing * turn ** (a + b)
-                full = transformed(own * 1j ** (a - b) + folded * (-1j) ** (a - b))
+                direct, folded = pointing * omega ** (a + b)
+                full = transformed(direct * 1j ** (a - b) + folded * (-1j) ** (a - b))
                 pairs[a, b] = np.concatenate([full[-count + 1 :], full[:count]])
     return Lags(transformed(ranging * gain)[:count], pairs, derivative)
 
@@ -322,14 +322,14 @@ def factors(measured: xr.Dataset, stretches: list) -> list[np.ndarray]:
 
 
 def white(lower: np.ndarray, columns: np.ndarray) -> np.ndarray:
-    """Columns (n, q) divided by the lower Cholesky factor (n, n) of their covariance."""
+    """Whitened columns L^-1 A (n, q), with the lower Cholesky factor L (n, n) of their covariance."""
     return solve_triangular(lower, columns, lower=True, check_finite=False)
 
 
 def with_restricted(
     measured: xr.Dataset, stretches: list, residuals: list[tuple[np.ndarray, np.ndarray, np.ndarray]]
 ) -> xr.Dataset:
-    """Noise product with the noise of the manoeuvres beside all candidates, by restricted maximum likelihood.
+    """Noise product estimated again from the manoeuvres by restricted maximum likelihood, all candidates free.
 
     Slow orbit error, phase centres and all candidates are free in every stretch, so that what any of them could name
     does not count as noise. Star camera noise is that of the manoeuvres; the spectrum of the range, of which quiet data
@@ -347,7 +347,7 @@ def with_restricted(
     step, quiet = float(measured.attrs["step_s"]), spectrum(measured)
     frequency, count = np.linspace(0, 0.5 / step, BINS + 1), CORNERS.size
     free = np.flatnonzero((quiet.knot_hz > SEEN_HZ[0]) & (quiet.knot_hz < SEEN_HZ[1]))
-    near = quiet.shares(frequency)[:, free].T
+    knot_shares = quiet.shares(frequency)[:, free].T
     longest = max(int(one.place[-1]) for one in stretches) + 1
     known = shapes(step, measured.attrs.get("smoothed_hz", np.inf))
     units = [lags_of_densities(np.zeros(BINS + 1), s, step, 0, longest) for s in known]
@@ -356,15 +356,15 @@ def with_restricted(
     held[count:, count:] = np.linalg.inv(quiet.covariance[np.ix_(free, free)])
     for _ in range(RESTRICTED_STEPS):
         score, information = np.zeros(value.size), np.zeros((value.size, value.size))
-        parts = near * spectrum(measured).density(frequency)
+        parts = knot_shares * spectrum(measured).density(frequency)
         lags_ = [lags_of_densities(one, np.zeros(2), step, 0, longest).ranging for one in parts]
         by_stretch = zip(factors(measured, stretches), stretches, kernels, residuals, strict=True)
         for L, one, kinds, (observed, baseline, tried) in by_stretch:
             basis = _basis_beside(white(L, baseline), white(L, tried))
-            beside = np.linalg.qr(basis, mode="complete")[0][:, basis.shape[1] :]
-            back = solve_triangular(L, beside, lower=True, trans="T", check_finite=False)
-            apart, P = np.abs(one.place[:, None] - one.place), back @ back.T
-            K, Py = np.stack([*kinds, *(row[apart] for row in lags_)]), P @ observed
+            complement = np.linalg.qr(basis, mode="complete")[0][:, basis.shape[1] :]
+            unwhitened = solve_triangular(L, complement, lower=True, trans="T", check_finite=False)
+            lag, P = np.abs(one.place[:, None] - one.place), unwhitened @ unwhitened.T
+            K, Py = np.stack([*kinds, *(row[lag] for row in lags_)]), P @ observed
             PK = P @ K
             score += (K @ Py @ Py - np.trace(PK, axis1=1, axis2=2)) / 2
             information += PK.reshape(len(PK), -1) @ PK.swapaxes(1, 2).reshape(len(PK), -1).T / 2
@@ -372,9 +372,9 @@ def with_restricted(
         size = np.sqrt(np.diag(whole))
         scaled = np.linalg.cholesky(whole / np.outer(size, size) + 1e-9 * np.eye(size.size))
         right = np.linalg.solve(scaled, (information @ value + score) / size)
-        wanted = lsq_linear(scaled.T, right, (np.repeat([0.0, -np.inf], [count, size.size - count]), np.inf)).x / size
-        wanted[count:] = value[count:] + np.clip(wanted[count:] - value[count:], -1.0, 1.0)
-        value, density, covariance = wanted, quiet.log_density.copy(), quiet.covariance.copy()
+        updated = lsq_linear(scaled.T, right, (np.repeat([0.0, -np.inf], [count, size.size - count]), np.inf)).x / size
+        updated[count:] = value[count:] + np.clip(updated[count:] - value[count:], -1.0, 1.0)
+        value, density, covariance = updated, quiet.log_density.copy(), quiet.covariance.copy()
         density[free] += value[count:]
         covariance[np.ix_(free, free)] = np.linalg.inv(whole)[count:, count:]
         new = {"pointing_power": value[:count], "log_density": density, "log_covariance": covariance}
@@ -383,9 +383,9 @@ def with_restricted(
 
 
 def _basis_beside(baseline, tried):
-    """Orthonormal basis of the baseline and of what the candidates add to it."""
-    first = least_squares.orthonormal(baseline)
-    left = tried - first @ (first.T @ tried)
-    left = left[:, np.linalg.norm(left, axis=0) > BESIDE * np.linalg.norm(tried, axis=0)]
-    second, values, _ = np.linalg.svd(left / np.linalg.norm(left, axis=0), full_matrices=False)
-    return least_squares.orthonormal(np.column_stack([first, second[:, values > DEPENDENT * values.max(initial=0.0)]]))
+    """Orthonormal basis (n, r) of baseline columns (n, k) and of what candidates (n, q) add to their space."""
+    basis = least_squares.orthonormal(baseline)
+    remainder = tried - basis @ (basis.T @ tried)
+    remainder = remainder[:, np.linalg.norm(remainder, axis=0) > BESIDE * np.linalg.norm(tried, axis=0)]
+    modes, values, _ = np.linalg.svd(remainder / np.linalg.norm(remainder, axis=0), full_matrices=False)
+    return least_squares.orthonormal(np.column_stack([basis, modes[:, values > DEPENDENT * values.max(initial=0.0)]]))

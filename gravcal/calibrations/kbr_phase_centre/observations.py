@@ -20,7 +20,7 @@ from gravcal.effects.ranging import BREAK_GAP_S
 from gravcal.estimation import crn, records
 from gravcal.physics import frames
 
-#: Turns of the frame that the phase centres are given in.
+#: Causes that turn the frame in which the phase centres are stated.
 FRAME = ("attitude.star_camera_misalignment", "ranging.star_camera_misalignment")
 BREAK_STEP_S = 30.0
 BREAK_MARGIN_S = 60.0  # of a phase break from the ends of its manoeuvre: half of the filter and some epochs
@@ -33,7 +33,7 @@ FINE_S = np.arange(-40.0, 41.0, 2.0)
 def observe(
     products: Mapping[str, xr.Dataset], *, nominal_m, plausible_mm: Sequence[float], **settings
 ) -> "Ranging | LateTags | None":
-    """Observations of a campaign, None without a wiggle.
+    """Observations of a campaign; of the range rate alone where an orbit is tagged late, None without a wiggle.
 
     Products are "align", "pointing", "observable", "noise" and "solve" of the range, settings as of `halves_of`; phase
     centres may be plausible_mm (3,) from nominal_m (2, 3) of the catalogue.
@@ -52,20 +52,20 @@ def observe(
 
 
 def _late_orbit(aligned, orbit):
-    """Observations of a campaign with one orbit of another time, by the range rate."""
-    number, position = orbit["satellite"], aligned["position_i"].values.copy()
-    now = np.arange(aligned.sizes["time"])
-    there = (now + orbit["late"] >= 0) & (now + orbit["late"] < now.size)
-    position[number] = np.where(there[:, None], moved_orbits(aligned)(number, now, orbit["late"]), np.nan)
+    """Observations of a campaign with the tags of one orbit late, from the range rate, and its records moved back."""
+    satellite, position = orbit["satellite"], aligned["position_i"].values.copy()
+    second = np.arange(aligned.sizes["time"])
+    inside = (second + orbit["late"] >= 0) & (second + orbit["late"] < second.size)
+    position[satellite] = np.where(inside[:, None], moved_orbits(aligned)(satellite, second, orbit["late"]), np.nan)
     moved, series = aligned["position_i"].copy(data=position), (orbit[name] for name in ("time", "left", "change"))
-    delay, form = records.Parameter(float(orbit["late"]), WHOLE_S, "s"), tuple(SATELLITES)[1 + number]
-    about = delay, "range rate", Ranging.name, form, PARAMETERS, Ranging.unit
-    return of_late_orbit(aligned.assign(position_i=moved), *series, *about)
+    delay, form = records.Parameter(float(orbit["late"]), WHOLE_S, "s"), tuple(SATELLITES)[1 + satellite]
+    fields = delay, "range rate", Ranging.name, form, PARAMETERS, Ranging.unit
+    return of_late_orbit(aligned.assign(position_i=moved), *series, *fields)
 
 
 @dataclass(frozen=True)
 class Ranging(records.Observations):
-    """Observations of a campaign; signals, noise, blocks and candidates are made when they are asked for."""
+    """Observations of a campaign; noise, blocks and candidates are computed on demand."""
 
     view: Halves
     #: {parameter: mm, of the catalogue and how far it may be from it}
@@ -73,7 +73,7 @@ class Ranging(records.Observations):
     start: np.ndarray  #: (6,) m, phase centres of the solution
     epoch: float = field()  #: s, middle of the wiggles
     quiet: Mapping[str, float] = field()  #: {"range": samples that the noise is known from}
-    groups: Sequence[int] = field()  #: sub-manoeuvre of each half; what is known beforehand has any: no line is in it
+    groups: Sequence[int] = field()  #: sub-manoeuvre of each block; arbitrary for the prior: no line acts in it
     shifted: bool = field()  #: True if tags are minutes off
 
     name = "kbr_phase_centre"
@@ -86,65 +86,65 @@ class Ranging(records.Observations):
 
     @functools.cached_property
     def blocks(self) -> list[records.Block]:
-        """One block a half, and one with where the phase centres are on the satellite, as far as that is known.
+        """One block of whitened residuals for each half, and the prior of the phase centres as the satellite is built.
 
         A phase front that is curved alike in pitch and yaw is the phase centre's x by definition, and a turn of the
         star cameras is y and z: nothing but these places can tell them apart.
         """
-        made, view = [], self.view
+        blocks, view = [], self.view
         for half, factor in zip(view.parts, view.factors, strict=True):
             column = view.column[half.rows] - view.column[half.rows].mean(axis=0)  # x is all bias where nothing turns
             rows = noise.white(factor, np.column_stack([view.residual[half.rows], column, half.slow]))
-            about = rows[:, 0], "range", 0, half.time
-            made.append(records.Block.of(half.label, *about, shared=rows[:, 1:7], local=rows[:, 7:]))
-        if made:
-            place, sigma = 1e-3 * np.array([self.expected[name] for name in self.parameters]).T
-            about = (place - self.start) / sigma, "prior", np.tile([0, 1, 2], 2), np.arange(6.0)
-            made.append(records.Block.of("known beforehand", *about, shared=np.diag(1 / sigma)))
-        return made
+            labels = rows[:, 0], "range", 0, half.time
+            blocks.append(records.Block.of(half.label, *labels, shared=rows[:, 1:7], local=rows[:, 7:]))
+        if blocks:
+            nominal, sigma = 1e-3 * np.array([self.expected[name] for name in self.parameters]).T
+            labels = (nominal - self.start) / sigma, "prior", np.tile([0, 1, 2], 2), np.arange(6.0)
+            blocks.append(records.Block.of("known beforehand", *labels, shared=np.diag(1 / sigma)))
+        return blocks
 
     @functools.cached_property
     def candidates(self) -> list[records.Candidate]:
-        """Effects as a whole and parameter by parameter, regressors, and phase breaks at many epochs."""
-        rows, made, first = self.view.white(self.view.filtered), [], 0
-        for one in self.view.signals:
-            last = first + len(one.names)
-            columns = [part if part is None else part[:, first:last] for part in rows]
-            whole = replace(one, columns=columns, of_frame=one.cause in FRAME, at=np.nan)
-            if np.isfinite(one.at):
-                made += [self.view.ripple(whole, one.at, form) for form in SATELLITES]
+        """Effects with all their parameters and with each alone, drivers, ripples, and phase breaks at many epochs."""
+        whitened, candidates, first = self.view.white(self.view.filtered), [], 0
+        for signal in self.view.signals:
+            last = first + len(signal.names)
+            columns = [part if part is None else part[:, first:last] for part in whitened]
+            whole = replace(signal, columns=columns, of_frame=signal.cause in FRAME, at=np.nan)
+            if np.isfinite(signal.at):
+                candidates += [self.view.ripple(whole, signal.at, form) for form in SATELLITES]
             else:
-                made += whole.each_alone() if whole.listed and not whole.form else [whole]
+                candidates += whole.each_alone() if whole.listed and not whole.form else [whole]
                 for letter in "ab" if whole.listed and not whole.form else ():  # where it has several of a satellite
-                    own = [k for k, name in enumerate(whole.names) if name.endswith(f"_{letter}")]
-                    made += [whole.part(own, letter)] if len(own) > 1 else []
+                    kept = [k for k, name in enumerate(whole.names) if name.endswith(f"_{letter}")]
+                    candidates += [whole.part(kept, letter)] if len(kept) > 1 else []
             first = last
-        for number in dict.fromkeys(half.manoeuvre for half in self.view.parts if not self.view.far):
-            members = [half for half in self.view.parts if half.manoeuvre == number]
-            begin, end = members[0].time[0] + BREAK_MARGIN_S, members[-1].time[-1] - BREAK_MARGIN_S
-            cuts = [half.time[0] + NEAR_CUT_S for half in members[1:]]
-            made += self.view.breaks(np.unique(np.concatenate([np.arange(begin, end, BREAK_STEP_S), *cuts])))
-        return made
+        for manoeuvre in dict.fromkeys(half.manoeuvre for half in self.view.parts if not self.view.far):
+            halves = [half for half in self.view.parts if half.manoeuvre == manoeuvre]
+            begin, end = halves[0].time[0] + BREAK_MARGIN_S, halves[-1].time[-1] - BREAK_MARGIN_S
+            cuts = [half.time[0] + NEAR_CUT_S for half in halves[1:]]
+            candidates += self.view.breaks(np.unique(np.concatenate([np.arange(begin, end, BREAK_STEP_S), *cuts])))
+        return candidates
 
     def wave(self, search: records.LineSearch) -> Callable[[int, float], np.ndarray]:  # noqa: ARG002 - there is one
-        """Whitened cosine and sine (n, 2) of a line in a half, by its number and the frequency in Hz."""
+        """Function (number of a block, frequency Hz) -> whitened cosine and sine (n, 2) of a line in it."""
 
-        def columns(k, frequency):
-            if k == len(self.view.parts):
+        def columns(number, frequency):
+            if number == len(self.view.parts):
                 return np.zeros((6, 2))
-            phase = 2 * np.pi * frequency * (self.view.parts[k].time - self.view.context.epoch)
-            return noise.white(self.view.factors[k], np.stack([np.cos(phase), np.sin(phase)], axis=1))
+            phase = 2 * np.pi * frequency * (self.view.parts[number].time - self.view.context.epoch)
+            return noise.white(self.view.factors[number], np.stack([np.cos(phase), np.sin(phase)], axis=1))
 
         return columns
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
-        """Time, range less orbit of a half as the phase centres of the solution predict it, and rows in metres."""
+        """Time (n,) s, range less orbit (n, 1) m by the solution's phase centres, whitened rows (q, n, 1) back in m."""
         half = self.view.parts[number]
         model = self.view.column[half.rows] @ self.start
         return half.time, model[:, None], (self.view.factors[number] @ rows).T[:, :, None]
 
     def response(self, entry: records.Entry) -> list[np.ndarray]:
-        """Whitened rows (n,) of each block; ripples and breaks by their law: no candidate has their period or epoch."""
+        """Whitened rows (n,) of each block; ripple and break by their law: no candidate has their period or epoch."""
         if entry.cause not in (RIPPLE, BREAK):
             return super().response(entry)
         known = effect(entry.cause)
@@ -153,7 +153,7 @@ class Ranging(records.Observations):
         return [np.zeros(b.time.size) if r is None else r[:, 0] for r, b in zip(rows, self.blocks, strict=True)]
 
     def near(self, fitted: records.Fitted) -> list[records.Candidate]:
-        """Phase breaks at epochs near that of a finding."""
+        """Candidates of phase breaks at a finer grid of epochs about that of a fitted one."""
         return self.view.breaks(records.epoch_of(fitted.candidate.cause) + FINE_S)
 
     def spacing(self, epoch: float) -> float:  # noqa: ARG002
@@ -161,7 +161,7 @@ class Ranging(records.Observations):
         return BREAK_STEP_S
 
     def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
-        """True but for phase breaks, which have no second order: where one is taken out, readings about it are too."""
+        """True but for phase breaks: they have no second order, and readings about a removed one are left out."""
         return any(cause != BREAK for cause, _ in gains)
 
     def without(self, model: Sequence[records.Entry]) -> xr.Dataset:
@@ -178,28 +178,28 @@ class Ranging(records.Observations):
                 for one in (s for s in self.view.signals if (s.cause, s.form) == (entry.cause, entry.form)):
                     total += np.nan_to_num(one.added(entry)[0])
                 continue
-            known = effect(entry.cause)
-            added = known.contribution(self.view.context, known.values(entry.values))
-            those = SATELLITES.get(entry.form.partition(",")[0], (0, 1))
+            catalogued = effect(entry.cause)
+            added = catalogued.contribution(self.view.context, catalogued.values(entry.values))
+            satellites = SATELLITES.get(entry.form.partition(",")[0], (0, 1))
             if entry.cause == "ranging.delay" and self.view.late[0]:  # by whole seconds; the rest in the range
                 delay = entry.values["delay"]
                 records = records.assign_coords(time_kbr=records["time_kbr"].values - np.rint(delay))
                 added = added * (1 - np.rint(delay) / delay)
-            if known.channel == "range":
+            if catalogued.channel == "range":
                 total += np.where(np.isfinite(added), added, 0.0)
-            for k, q in ((k, attitude[k]) for k in those):
+            for k, q in ((k, attitude[k]) for k in satellites):
                 good = np.isfinite(q).all(axis=1)
-                if known.channel == "sca_delay":
+                if catalogued.channel == "sca_delay":
                     attitude[k] = turned(time, q, added)
-                elif known.channel == "pointing_b":
+                elif catalogued.channel == "pointing_b":
                     q[good] = frames.quaternion_product(q[good], frames.from_rotation_vector(-added[good]))
         for derivative, name in enumerate(OBSERVABLES if total.any() else ()):
             at = records["time_kbr"].values
             operator = crn.operator(self.view.filter_, derivative, self.view.good, (time[0], 1.0), at)
             records[f"reading_{name}"].values[:] -= np.where(operator.valid, operator(total), 0.0)
         breaks = [one.values["time"] for one in model if one.cause == BREAK]
-        away = [np.abs(records["time_kbr"].values - epoch) > BREAK_GAP_S for epoch in breaks]
-        records = records.isel(time_kbr=np.all(away, axis=0)) if away else records
+        kept = [np.abs(records["time_kbr"].values - epoch) > BREAK_GAP_S for epoch in breaks]
+        records = records.isel(time_kbr=np.all(kept, axis=0)) if kept else records
         return records.assign_attrs(model=" ".join(entry.cause for entry in model))
 
 

@@ -55,7 +55,7 @@ def report(*products, event, settings, published, nominal_m):
 
 
 def sections(document, published):
-    """Sections of the page of a judged document, beside the printed records of the catalogue."""
+    """Sections of the page of a judged document, with the printed records of the catalogue, {section: [record]}."""
     if "satellites" not in document:
         return [Section("Pointing", figures=[replace(_angles, caption=WORDS.note("no_wiggle"))])]
     notes = [*document["trust"], *WORDS.said("result", **document)]
@@ -69,11 +69,8 @@ def sections(document, published):
     ]
 
 
-# Document
-
-
 def result(products, settings) -> dict:
-    """What was found in one event, of the products by stage: the result document but for its head and tail."""
+    """Result document of one event but for its head and tail, from the products {stage: Dataset}."""
     combined, pointed = products["combine"], products["pointing"]
     about = {
         "direction": "com_to_phase_centre",
@@ -89,7 +86,7 @@ def result(products, settings) -> dict:
 
 
 def _determined(combined, pointed, settings):
-    """Everything that needs a wiggle."""
+    """Result document of an event with wiggles, from the combine and pointing products."""
     letters, observable = combined.attrs["satellites"], combined.attrs["adopted_observable"]
     estimator = combined.attrs["adopted_estimator"]
     satellites = {
@@ -138,7 +135,7 @@ def _determined(combined, pointed, settings):
 
 
 def _block(combined, index, satellite):
-    """Phase centre in mm of an observable, sub-set and estimator; what is not determined is null everywhere."""
+    """Phase centre mm of an index (observable, sub-set, estimator) and satellite as JSON, null if not determined."""
     part = slice(3 * satellite, 3 * satellite + 3)
     known, centre, formal = (combined[name].values for name in ("determined", "centre", "formal_sigma"))
     known, covariance = known[index[:2]][part] != 0, combined["covariance"].values[index][part, part]
@@ -147,7 +144,7 @@ def _block(combined, index, satellite):
 
 
 def _verdict(adopted, source, test, settings):
-    """One sentence, and the answers behind it."""
+    """Verdict as JSON: one sentence, and whether accuracy is met and manoeuvres agree; adopted {letter: block}."""
     words, angles = [], []
     for letter, block in adopted.items():
         pairs = zip("xyz", block["phase_centre_mm"], block["sigma_mm"], strict=True)
@@ -165,7 +162,7 @@ def _verdict(adopted, source, test, settings):
 
 
 def _manoeuvre(combined, pointed, k):
-    """A sub-manoeuvre with its own estimate of the component across the line of sight."""
+    """Sub-manoeuvre number k as JSON, with its own estimate of the component across the line of sight."""
     satellite, axis, sign = (int(pointed[n].values[k]) for n in ("satellite_index", "axis_index", "sign"))
     value, sigma = (1e3 * combined[name].values[:, k] for name in ("arc_value", "arc_sigma"))
     return {
@@ -183,7 +180,7 @@ def _manoeuvre(combined, pointed, k):
 
 
 def _subset(combined, s):
-    """One-sided set or set with x fixed, with the shifts that the geometry predicts."""
+    """Sub-set number s as JSON, {observable: {letter: block}}, with the shifts that the geometry predicts."""
     shift = 1e3 * combined["shift"].values[:, s].reshape(-1, 2, 3)
     predicted = 1e3 * combined["predicted_shift"].values[:, s].reshape(-1, 2, 3)
     return {
@@ -197,7 +194,7 @@ def _subset(combined, s):
 
 
 def _geometry(combined, pointed):
-    """Condition numbers, and the ratio of the errors that the offset angle sets."""
+    """Condition numbers, median offset angle, and the ratio of the errors that it sets, as JSON."""
     offset = np.abs(pointed["offset"].values)
     angle = float(np.median(offset)) if offset.size else np.nan
     condition, covariance = combined["condition"].values, combined["covariance"].values[1, :, 0]
@@ -215,15 +212,16 @@ def _geometry(combined, pointed):
 
 
 def _sigma_ratio(covariance, satellite):
-    """Sigma of y and z over sigma of x."""
+    """Ratio of the rms sigma of y and z to that of x, of one satellite (0 or 1), covariance (6, 6) m2."""
     sigma = np.sqrt(np.diag(covariance))[3 * satellite : 3 * satellite + 3]
     return np.sqrt(np.mean(sigma[1:] ** 2)) / sigma[0]
 
 
 def _noise_of(measured):
-    """Noise of the ranging and of the star cameras, at the wiggle and its second harmonic; null where not measured."""
+    """Noise of ranging and star cameras at the wiggle and its second harmonic, as JSON; null where not measured."""
 
     def amplitudes(density):
+        """Amplitude densities {frequency: um Hz-1/2} of a variable, at 4 and 8 mHz."""
         values = 1e6 * np.sqrt(np.interp([4e-3, 8e-3], measured["frequency"].values, measured[density].values))
         return {name: number(value) or None for name, value in zip(("4_mhz", "8_mhz"), values, strict=True)}
 
@@ -263,10 +261,8 @@ def vector_files(document, date) -> dict[str, str]:
     return files | ({"result.soe": "\n".join(lines) + "\n"} if lines else {})
 
 
-# Tables
-
-
 def _result_table(document, published, estimator):
+    """Table of phase centres by one estimator, ours beside the printed ones, a row for each satellite and axis."""
     known = {_place(one["labels"]): one for one in published.get(estimator, [])}
     rows = []
     for letter, blocks in document["satellites"].items():
@@ -283,11 +279,12 @@ def _result_table(document, published, estimator):
 
 
 def _place(labels):
-    """Letter, axis and observable of a printed record."""
+    """Letter, axis and observable of a printed record, from its labels."""
     return labels["satellite"][-1].upper(), labels["component"], labels["observable"]
 
 
 def _subset_table(document, published):
+    """Table of one-sided and x-fixed solutions of the range rate, with observed, predicted and printed shifts."""
     joint = {_place(one["labels"]): one["value"][0] for one in published.get("ls", [])}
     known = {(one["labels"]["subset"], *_place(one["labels"])): one["value"][0] for one in published.get("subsets", [])}
     rows = []
@@ -304,6 +301,7 @@ def _subset_table(document, published):
 
 
 def _vector_table(document, published):
+    """Table of the adopted phase centres beside the printed VKB1B vectors."""
     rows = []
     for letter, block in document["adopted"]["satellites"].items():
         values = [plus_minus(v, s) for v, s in zip(block["phase_centre_mm"], block["sigma_mm"], strict=True)]
@@ -316,11 +314,9 @@ def _vector_table(document, published):
     return WORDS.table("vectors", rows)
 
 
-# Figures
-
-
 @WORDS.figure("pointing")
 def _angles(panels, pointed):
+    """Pitch and yaw of the line of sight of both satellites: whole record, and the first wiggle."""
     time, angle = pointed["time"].values, np.degrees(pointed["angle"].values)
     spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
     for k, (left, right) in enumerate(panels):
@@ -340,6 +336,7 @@ def _angles(panels, pointed):
 
 @WORDS.figure("solve.*")
 def _series(solved):
+    """Detrended observations, model and magnified residual of one wiggle about each axis, for each observable."""
     first = solved["range"]
     chosen = [np.flatnonzero(first["axis_index"].values == axis) for axis in (0, 1)]
     chosen = [own[0] for own in chosen if own.size]
@@ -367,6 +364,7 @@ def _series(solved):
 
 @WORDS.figure("solve.*")
 def _spectra(panels, solved):
+    """Amplitude spectral density of ranging minus orbit and of its residual, for each observable."""
     if not solved["range"]["time_kbr"].size:
         return
     for panel, name in zip(panels, OBSERVABLES, strict=True):
@@ -378,6 +376,7 @@ def _spectra(panels, solved):
 
 @WORDS.figure("noise")
 def _noise(panel, measured):
+    """Amplitude spectral density of the range residual: quiet data, model, wiggles."""
     frequency = measured["frequency"].values
     _density(panel, frequency, 1e12 * measured["density"].values, "quiet data", STYLES["wide"])
     _density(panel, frequency, 1e12 * measured["model"].values, "model", STYLES["dashed"])
@@ -397,6 +396,7 @@ def _density(panel, frequency, power, label, style):
 
 @WORDS.figure("combine")
 def _estimates(panels, document):
+    """Estimates of y and z by observable, estimator and single wiggle, with the adopted value."""
     for row, (letter, blocks) in zip(panels, document["satellites"].items(), strict=True):
         for panel, k in zip(row, (1, 2), strict=True):
             points, labels = [], ["range", "rate", "acceler-\nation"]

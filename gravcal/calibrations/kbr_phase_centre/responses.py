@@ -30,7 +30,7 @@ from gravcal.physics import frames, orbit_environment
 
 BREAK, PLAUSIBLE_M = "ranging.phase_break", 1e-2
 FAMILIES = ("ranging", "timing", "attitude")
-#: Searched for along the time axis; the calibration itself, once and as a share, of which noise is taken out before.
+#: No candidates: breaks are searched along time, two are the calibration itself, the last is in the noise model.
 NOT_HERE = (BREAK, "ranging.phase_centre", "ranging.antenna_correction", "attitude.star_camera_noise")
 RIPPLE = "ranging.multipath"
 PLACES = ("pitch_a", "yaw_a", "pitch_b", "yaw_b")
@@ -48,7 +48,7 @@ SETTLING_S = (100.0, 300.0, 900.0)
 LEAST = 60  # epochs that a half needs beyond its local columns
 #: Degree of the slow orbit error in a half over that in the whole: 10 instead of 15 leaves less than 1 nm of 5 mm.
 SHARE = 2 / 3
-FILTER_S = 35.0  # half of the filter of the ranging
+FILTER_S = 35.0  # half the support of the CRN filter of the ranging
 
 
 @dataclass(frozen=True)
@@ -64,13 +64,13 @@ class Half:
     lever: np.ndarray  #: (n, 1, 4) m, per radian
 
     def feels(self, epoch: float) -> bool:
-        """True if the filter carries a break at an epoch into this half."""
+        """True if a break at an epoch s reaches this half through the ranging filter."""
         return self.time[0] - FILTER_S < epoch < self.time[-1] + FILTER_S
 
 
 @dataclass(frozen=True)
 class Halves:
-    """Halves of all sub-manoeuvres; signals and noise are made when they are asked for."""
+    """Halves of all sub-manoeuvres; candidate columns and noise are computed on demand."""
 
     records: xr.Dataset  #: "kbr_phase_centre.align" as it is
     measured: xr.Dataset  #: "kbr_phase_centre.noise"
@@ -82,18 +82,18 @@ class Halves:
     residual: np.ndarray  #: (m,) m, ranging less orbit less the phase centres of the solution, each half less its mean
     column: np.ndarray  #: (m, 6) 1, of the phase centres
     start: np.ndarray  #: (6,) m, phase centres of the solution
-    late: np.ndarray  #: (3,) s, tags of ranging, star cameras minutes off
+    late: np.ndarray  #: (3,) s, delay of the tags of ranging and both star cameras, 0 unless minutes
 
     @functools.cached_property
     def quiet(self) -> float:
-        """Samples that the noise is known from: quiet ones for ranging, those of the manoeuvres for star cameras."""
+        """Effective number of samples of the noise: quiet ones for ranging, those of manoeuvres for star cameras."""
         inside, step = self.residual.size, float(self.measured.attrs["step_s"])
         samples = float(self.measured["seconds"]) / step if self.measured.attrs["source_data"] == "quiet" else inside
         return 1 / (1 / max(samples, 1.0) + 1 / max(inside, 1))
 
     @functools.cached_property
     def signals(self) -> list[Candidate]:
-        """Effects of the catalogue, then regressors, on whole seconds; tags alone where they are minutes off."""
+        """Candidates with columns (n, q) m on whole seconds: effects, then drivers; late tags alone if minutes off."""
         known = effects_of(self.context, self.start.reshape(2, 3))
         if self.far:
             return [replace(one, apart=True) for one in known if (one.cause, one.form) in self.far]
@@ -101,24 +101,24 @@ class Halves:
 
     @functools.cached_property
     def far(self) -> dict[tuple[str, str], float]:
-        """Delays s of tags that are minutes off, by cause and form."""
-        ranging, *both = self.late
-        cameras = {"": both[0]} if both[0] == both[1] else {"a alone": both[0], "b alone": both[1]}
+        """Delays of tags that are minutes off, {(slug of the cause, form): s}."""
+        ranging, *camera_s = self.late
+        cameras = {"": camera_s[0]} if camera_s[0] == camera_s[1] else {"a alone": camera_s[0], "b alone": camera_s[1]}
         delays = {("ranging.delay", ""): ranging} | {("timing.star_camera_delay", of): s for of, s in cameras.items()}
-        return {which: size for which, size in delays.items() if size}
+        return {cause_and_form: delay for cause_and_form, delay in delays.items() if delay}
 
     @functools.cached_property
     def filtered(self) -> np.ndarray:
-        """Columns (m, q) m of all signals side by side at the ranging epochs."""
+        """Columns (m, q) m of all signals side by side, through the CRN filter, at the ranging epochs."""
         return np.concatenate([self.through(np.nan_to_num(signal.columns[0])) for signal in self.signals], axis=1)
 
     @functools.cached_property
     def fitted(self) -> xr.Dataset:
-        """Dataset "kbr_phase_centre.noise" with what the halves say of it beside all effects."""
-        tried = self.filtered[:, : sum(len(one.names) for one in self.signals if one.prior)]
+        """Dataset "kbr_phase_centre.noise" as of `noise.with_restricted`: from the halves, all listed effects free."""
+        effect_columns = self.filtered[:, : sum(len(one.names) for one in self.signals if one.prior)]
         baselines = (np.column_stack([half.slow, self.column[half.rows]]) for half in self.parts)
         parts = zip(self.parts, baselines, strict=True)
-        residuals = [(self.residual[half.rows], baseline, tried[half.rows]) for half, baseline in parts]
+        residuals = [(self.residual[half.rows], baseline, effect_columns[half.rows]) for half, baseline in parts]
         return noise.with_restricted(self.measured, self.parts, residuals)
 
     @functools.cached_property
@@ -127,39 +127,39 @@ class Halves:
         return noise.factors(self.fitted, self.parts)
 
     def white(self, columns: np.ndarray) -> list[np.ndarray | None]:
-        """Whitened columns of every block from those of all rows (m, q); none of what is known beforehand."""
+        """Whitened columns (n, q) of each half from those of all rows (m, q) m, and None for the block of the prior."""
         parts = zip(self.parts, self.factors, strict=True)
         return [*(noise.white(factor, columns[half.rows]) for half, factor in parts), None]
 
     def ripple(self, whole, period, form):
-        """Ripple of the angles of some satellites, whose period may lie up to the next ones that are tried."""
-        used = [k for k in range(8) if k % 4 // 2 in SATELLITES[form]]
+        """Candidate `whole` (8 columns) for the satellites of a form, its period rad free up to the next ones tried."""
+        kept = [k for k in range(8) if k % 4 // 2 in SATELLITES[form]]
         angle = np.nan_to_num(self.context.extra["angle"])
 
         def columns(value):
-            return self.white(self.through(ripples(angle, value[0])[:, used]))
+            return self.white(self.through(ripples(angle, value[0])[:, kept]))
 
-        ends = 1 / (1 / period + np.degrees(RIPPLE_STEP) * np.array([1, -1]))
-        about = np.array([period]), columns, np.linspace(*ends, 9)[:, None], *ends[:, None]
-        shape = Shape(("period",), ("rad",), *about, words=form)
-        return replace(whole.part(used, form), form=f"{whole.form}{form and ', '}{form}", shape=shape)
+        bounds = 1 / (1 / period + np.degrees(RIPPLE_STEP) * np.array([1, -1]))
+        shape_fields = np.array([period]), columns, np.linspace(*bounds, 9)[:, None], *bounds[:, None]
+        shape = Shape(("period",), ("rad",), *shape_fields, words=form)
+        return replace(whole.part(kept, form), form=f"{whole.form}{form and ', '}{form}", shape=shape)
 
     def breaks(self, epochs: np.ndarray) -> list[Candidate]:
-        """Steps of the range, through the ranging filter, at epochs (k,) s of one sub-manoeuvre."""
-        near = [k for k, half in enumerate(self.parts) if any(half.feels(epoch) for epoch in epochs)]
-        columns = {k: noise.white(self.factors[k], self._steps(self.parts[k], epochs)) for k in near}
-        made = []
+        """Candidates of a range step, filtered and whitened, one for each of the epochs (k,) s of one sub-manoeuvre."""
+        reached = [k for k, half in enumerate(self.parts) if any(half.feels(epoch) for epoch in epochs)]
+        columns = {k: noise.white(self.factors[k], self._steps(self.parts[k], epochs)) for k in reached}
+        candidates = []
         for i, epoch in enumerate(epochs):
-            parts = {k: columns[k][:, i : i + 1] for k in near if self.parts[k].feels(epoch)}
+            parts = {k: columns[k][:, i : i + 1] for k in reached if self.parts[k].feels(epoch)}
             form = f"{self.parts[min(parts)].label.rpartition(' ')[0]}, time {epoch:.0f} s"
             parts = [parts.get(k) for k in range(len(self.parts) + 1)]  # the last block, the prior, has none
-            made.append(Candidate(at_epoch(BREAK, epoch), form, ["size"], ["m"], parts, [PLAUSIBLE_M]))
-        return made
+            candidates.append(Candidate(at_epoch(BREAK, epoch), form, ["size"], ["m"], parts, [PLAUSIBLE_M]))
+        return candidates
 
     def _steps(self, half, epochs):
-        """Columns (n, k) of a range that is longer from an epoch on, at the rows of a half."""
-        part = {name: getattr(self.through, name)[half.rows] for name in ("time", "start", "weights", "valid")}
-        return replace(self.through, **part)((self.context.time[:, None] >= epochs).astype(float))
+        """Columns (n, k) of unit range steps at epochs (k,) s, through the ranging filter, at the rows of a half."""
+        operator = {name: getattr(self.through, name)[half.rows] for name in ("time", "start", "weights", "valid")}
+        return replace(self.through, **operator)((self.context.time[:, None] >= epochs).astype(float))
 
 
 def halves_of(
@@ -175,11 +175,11 @@ def halves_of(
     of_pointing: Mapping,
     of_observable: Mapping,
 ) -> Halves:
-    """Halves of a campaign.
+    """Halves of the sub-manoeuvres of a campaign with residuals, columns, noise and filter.
 
     Products as of `observations.observe`, settings those of their stages, of_noise, of_pointing and of_observable those
-    of `noise.noise`, `model.pointing` and `model.observable`. Tags of ranging and star cameras that are late (3,) s by
-    minutes are moved back, and what they do is in the rows to first order: nothing else is looked for.
+    of `noise.noise`, `model.pointing` and `model.observable`; nominal (2, 3) m. Tags of ranging and star cameras `late`
+    (3,) s by minutes are moved back, and their effect stays in the rows to first order: nothing else is looked for.
     """
     aligned, pointed, equations, measured = (products[name] for name in ("align", "pointing", "observable", "noise"))
     records, centre = aligned, products["solve"]["centre"].values[0, 0]
@@ -187,8 +187,8 @@ def halves_of(
     if late[1:].all() and np.ptp(late[1:]) < LATE_S:
         late[1:] = np.rint(late[1:].mean())  # both off the line of sight, by the opposite
     if late.any():
-        each = zip(aligned["quaternion"].values, late[1:], strict=True)
-        attitude = [turned(aligned["time"].values, *one) for one in each]
+        attitude_and_delay = zip(aligned["quaternion"].values, late[1:], strict=True)
+        attitude = [turned(aligned["time"].values, *one) for one in attitude_and_delay]
         aligned = aligned.assign(quaternion=aligned["quaternion"].copy(data=attitude))
         aligned = aligned.assign_coords(time_kbr=aligned["time_kbr"].values - late[0])
         pointed = model.pointing(aligned, **of_pointing)
@@ -208,44 +208,44 @@ def halves_of(
     through = crn.operator(filter_, 0, good, (time[0], 1.0), equations["time_kbr"].values[rows])
     column = equations["column"].values[rows]
     residual = _level(halves, equations["observed"].values[rows] - column @ centre)
-    known = context(aligned, pointed, nominal)
+    about = context(aligned, pointed, nominal)
     for part in _moving(time, equations) if noisy else ():
-        for one in np.moveaxis(known.extra["line_rate"][part], 1, 0):  # noise of R_bi, which exceeds that of the range
+        for one in np.moveaxis(about.extra["line_rate"][part], 1, 0):  # noise of R_bi, which exceeds that of the range
             one[:] = noise.smoothed(one, band_hz[1])
-    made = Halves(records, measured, known, filter_, good, through, halves, residual, column, centre, late)
+    view = Halves(records, measured, about, filter_, good, through, halves, residual, column, centre, late)
     if late.any():
-        moved = residual + made.filtered @ [made.far[one.cause, one.form] for one in made.signals]
-        return replace(made, residual=_level(halves, moved))
-    return made
+        with_delays = residual + view.filtered @ [view.far[one.cause, one.form] for one in view.signals]
+        return replace(view, residual=_level(halves, with_delays))
+    return view
 
 
 def _level(halves, residual):
-    """Residual (m,) less the mean of each half: a bias of 220 km would cost six digits."""
+    """Residual (m,), changed in place, less the mean of each half: a bias of 220 km would cost six digits."""
     for half in halves:
         residual[half.rows] -= residual[half.rows].mean()
     return residual
 
 
 def _cut(equations, orbit_degree, step):
-    """Halves of the sub-manoeuvres, and the places (m,) of their rows in "kbr_phase_centre.observable"."""
-    degree, halves, places, first = int(np.ceil(SHARE * orbit_degree)), [], [np.zeros(0, dtype=int)], 0
-    at, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
-    for number, whole in enumerate(of_manoeuvres(equations)):
+    """Halves of the sub-manoeuvres, and the row numbers (m,) of "kbr_phase_centre.observable" that they hold."""
+    degree, halves, places, first_row = int(np.ceil(SHARE * orbit_degree)), [], [np.zeros(0, dtype=int)], 0
+    time, segment, lever = (equations[name].values for name in ("time_kbr", "segment", "lever"))
+    for number, manoeuvre_rows in enumerate(of_manoeuvres(equations)):
         satellite, axis, sign = (int(equations[n][number]) for n in ("satellite_index", "axis_index", "sign"))
         name = f"{number + 1} {equations.attrs['satellites'][satellite]} {('', '+', '-')[sign]}{('pitch', 'yaw')[axis]}"
-        for rows, part in zip(np.array_split(whole, 2), ("begin", "end"), strict=True):
-            slow = noise.slow_columns(at[rows], segment[rows], degree, 0)
+        for rows, half_name in zip(np.array_split(manoeuvre_rows, 2), ("begin", "end"), strict=True):
+            slow = noise.slow_columns(time[rows], segment[rows], degree, 0)
             if rows.size > slow.shape[1] + LEAST:
-                place = np.rint((at[rows] - at[rows[0]]) / step).astype(int)
-                about = slice(first, first + rows.size), at[rows], slow, place, lever[rows, :1]
-                halves.append(Half(number, f"{name} {part}", *about))
+                place = np.rint((time[rows] - time[rows[0]]) / step).astype(int)
+                fields = slice(first_row, first_row + rows.size), time[rows], slow, place, lever[rows, :1]
+                halves.append(Half(number, f"{name} {half_name}", *fields))
                 places.append(rows)
-                first += rows.size
+                first_row += rows.size
     return halves, np.concatenate(places)
 
 
 def turned(time: np.ndarray, quaternion: np.ndarray, late) -> np.ndarray:
-    """Attitudes (n, 4) at the time s that their tags should have had, late by (n,) s; NaN beyond the record."""
+    """Attitudes (n, 4) whose tags are late by a scalar or (n,) s, interpolated to true times; NaN beyond the record."""
     if not np.any(late):
         return quaternion
     good, at = np.isfinite(quaternion).all(axis=1), time + late
@@ -256,7 +256,7 @@ def turned(time: np.ndarray, quaternion: np.ndarray, late) -> np.ndarray:
 
 
 def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> xr.Dataset:
-    """Lines of sight without what is faster than the satellites move, in quiet data and manoeuvres, away from slews.
+    """Product "kbr_phase_centre.pointing" with lines of sight smoothed in quiet data and manoeuvres, slews as they are.
 
     Where star cameras are noisier than the range, their noise is in the rows and in every column that is made of the
     lines of sight, and the columns explain it (errors in variables).
@@ -273,15 +273,15 @@ def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> x
 
 
 def _moving(time, equations):
-    """Seconds of quiet data and of each manoeuvre, away from slews."""
-    at, number = equations["time_kbr"].values, equations["arc"].values
-    for part in np.split(np.arange(at.size), np.flatnonzero(np.diff(number)) + 1):
-        if number[part[0]] != -2:
-            yield slice(*np.searchsorted(time, [at[part[0]] - FILTER_S - 1, at[part[-1]] + FILTER_S + 1]))
+    """Yield slices of the whole seconds (n,), one for each stretch of quiet data and each manoeuvre, without slews."""
+    time_kbr, arc = equations["time_kbr"].values, equations["arc"].values
+    for rows in np.split(np.arange(time_kbr.size), np.flatnonzero(np.diff(arc)) + 1):
+        if arc[rows[0]] != -2:
+            yield slice(*np.searchsorted(time, [time_kbr[rows[0]] - FILTER_S - 1, time_kbr[rows[-1]] + FILTER_S + 1]))
 
 
 def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Context:
-    """What the effects of the ranging look at, on whole seconds, as measured."""
+    """Context of the ranging effects on whole seconds: orbit, sunlight, pointing, range; phase centres (2, 3) m."""
     time, distance = pointed["time"].values, pointed["range_com"].values
     line, position = np.moveaxis(pointed["line_of_sight_b"].values, 0, 1), aligned["position_i"].values[0]
     known = np.isfinite(position).all(axis=1)
@@ -308,7 +308,7 @@ def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Co
 
 
 def line_rate(aligned: xr.Dataset, line_b: np.ndarray) -> np.ndarray:
-    """Change (n, 2, 3) s-1 of the lines of sight (n, 2, 3) by the turning of the satellites, the line itself held.
+    """Derivative (n, 2, 3) s-1 of lines of sight (n, 2, 3) in b by the rotation of the satellites alone.
 
     l' - R_bi e', by differences over two seconds; error (2 pi / 250 s)^2 / 6, a ten thousandth. The noise of R_bi is
     that of the attitude times the orbital rate.
@@ -325,9 +325,9 @@ def line_rate(aligned: xr.Dataset, line_b: np.ndarray) -> np.ndarray:
 
 
 def effects_of(context: Context, centre: np.ndarray) -> list[Candidate]:
-    """Effects of the catalogue that a ranging calibration can show, with one column (n, q) m on whole seconds.
+    """Candidates of the catalogue that a ranging calibration can show, one column array (n, q) m on whole seconds.
 
-    A ripple with the angles has the columns of both satellites, and its period, rad, for a place.
+    Phase centres are (2, 3) m. A ripple has the columns of both satellites, and its period rad in `at`.
     """
     signals = []
     for slug, entry in catalogue().items():
@@ -347,7 +347,7 @@ def effects_of(context: Context, centre: np.ndarray) -> list[Candidate]:
 
 
 def _of_attitude(entry: Effect, context, centre, those):
-    """Range per parameter of an effect on the attitude of some satellites.
+    """Range (n, q) m per parameter of an effect on the attitude of some satellites `those`; phase centres (2, 3) m.
 
     The orbit side of the residual holds -l . c with the measured line of sight. Star cameras late by a second measure
     l = l_true - delay * line_rate; a rotation phi from true to measured attitude adds -phi . sum l x c.
@@ -360,7 +360,7 @@ def _of_attitude(entry: Effect, context, centre, those):
 
 
 def drivers(context: Context, starts: Sequence[float]) -> list[Candidate]:
-    """Regressors for effects that are in no list; a rate times its angle is a late star camera."""
+    """Candidates in no list, (n, q) m; decays begin at starts s. Rate times angle is none: a late star camera."""
     extra, time = context.extra, context.time
     angle = np.nan_to_num(extra["angle"].reshape(-1, 4)) / SIZE
     rate = np.gradient(angle, time, axis=0) * 40.0  # 250 s / 2 pi
@@ -391,12 +391,12 @@ def drivers(context: Context, starts: Sequence[float]) -> list[Candidate]:
 
 
 def _of_range(driver, form, values, names=("range",)):
-    """Driver of the range, of values (n,) or (n, q) m."""
+    """Candidate of a driver that adds values (n,) or (n, q) m to the range."""
     return unknown(driver, form, [values.reshape(len(values), -1)], "m", names)
 
 
 def _of_angles(driver, functions):
-    """Functions {form: (n, 4)} of all four angles together and of each of them."""
+    """Candidates of functions {form: (n, 4)} of pitch and yaw of both satellites: all four, then each alone."""
     names, made = [f"range_{place}" for place in PLACES], []
     for form, values in functions.items():
         made.append(_of_range(driver, f"{form} of all angles", values, names))
@@ -405,6 +405,6 @@ def _of_angles(driver, functions):
 
 
 def _lagged(values, lag_s):
-    """Series (n, ...) of whole seconds through a first-order lag."""
+    """Series (n, ...) of whole seconds through a first-order low-pass of time constant `lag_s`."""
     keep = np.exp(-1 / lag_s)
     return lfilter([1 - keep], [1, -keep], values, axis=0)
