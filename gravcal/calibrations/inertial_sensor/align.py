@@ -1,4 +1,4 @@
-"""Swings and rolls found in the attitude, the record round a swing, the bins of a roll, and what cleans records."""
+"""Detection of swings and rolls, the record round a swing, the bins of a roll, and the cleaning of records."""
 
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,12 +24,12 @@ SHOWN = 60.0  # s, of the rates kept
 WINDOW = 28.0  # s, of the running rms, about one period of a swing
 EARLY = 8.0  # s, by which a running rms shows a swing before it begins
 SENSOR_STEP = 0.1  # s
-#: Of attitudes against voltages: longest lag, lags that a swing does not tell apart, s; and where it turns, Hz.
+#: Of attitudes against voltages: longest lag s, width s of the correlation about its peak, band of a swing Hz.
 APART_S, NEAR_S, TURNING_HZ = 600, 150, (1 / 60, 1 / 8)
 
 
 def spikes(values: np.ndarray, half_width: int, limit: float) -> np.ndarray:
-    """Samples (n, m) farther than a limit, in standard deviations, from the running median of so many neighbours."""
+    """True for samples (n, m) more than `limit` robust sigmas from the running median of 2 half_width + 1 samples."""
     away = np.abs(values - median_filter(values, size=(2 * half_width + 1, 1), mode="nearest"))
     return away > limit * 1.4826 * np.maximum(np.median(away, axis=0), 1e-300)
 
@@ -52,11 +52,11 @@ def scatter_of_third_differences(values: np.ndarray) -> np.ndarray:
 
 
 def reduced(sensor: dict, tracker: dict, orbit: dict, step_s: float) -> dict[str, np.ndarray]:
-    """Bins of one span, for example of one day's files; they begin at multiples of their length step_s.
+    """Bin means of one span, for example of one day's files; bins begin at multiples of their length step_s.
 
     Of {"time", "volts" (n, 6) V}, {"time", "quaternion" (m, 4)} and {"time", "position", "velocity" (r, 3)}, inertial.
     Bins {"time" (b,), "linear_volt" (b, 3) V, "share" (b,) of the samples present and used, "R_bo" (b, 3, 3), o with
-    x radial and z along the flight, "rate_b" (b, 3), "gradient_b" (b, 3, 3)} are NaN where unknown.
+    x radial and z along the flight, "rate_b" (b, 3) rad s-1, "gradient_b" (b, 3, 3) s-2} are NaN where unknown.
     """
     first = np.ceil(sensor["time"][0] / step_s - 1e-9)
     edges = step_s * np.arange(first, np.floor((sensor["time"][-1] + 1e-6) / step_s + 0.05) + 1)
@@ -80,9 +80,9 @@ def reduced(sensor: dict, tracker: dict, orbit: dict, step_s: float) -> dict[str
 
 
 def clipped_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means (b, m) of samples (n, m) over bins without spikes, NaN where empty, and how many samples were used.
+    """Means (b, m) of samples (n, m) over bins without spikes, NaN where empty, and numbers (b, m) of samples used.
 
-    The limit is that of the noise, or of the motion within a bin if it is larger.
+    A spike is SPIKE standard deviations of the noise away, or of the motion within a bin if that is larger.
     """
     pairs = np.diff(values[: values.shape[0] // 2 * 2].reshape(-1, 2, values.shape[1])[::7], axis=1)
     noise = 1.4826 * np.nanmedian(np.abs(pairs), axis=(0, 1)) / np.sqrt(2)
@@ -126,7 +126,7 @@ def rates(quaternion: np.ndarray, step_s: float) -> np.ndarray:
 def detect(
     *attitudes: Callable, swing_rate_dot_rad_s2: float, swing_minimum_s: float, roll_rate_rad_s: float, segment_s: float
 ) -> xr.Dataset:
-    """Times of swings and rolls about y, from functions that read {"time", "quaternion"} of one day each."""
+    """Product of the times of swings and rolls about y, from readers of {"time", "quaternion"} of one day each."""
     parts = [_motion(read()) for read in attitudes]
     time, rate_dot_rms, rate = (np.concatenate(column) for column in zip(*parts, strict=True))
     order = np.argsort(time)
@@ -146,7 +146,7 @@ def detect(
 
 
 def _motion(attitude):
-    """Epochs, running rms of the angular acceleration and running mean rate of one day."""
+    """Epochs (n,) s, largest running rms (n,) rad s-2 of angular acceleration, mean rate (n, 3) rad s-1 of one day."""
     time = attitude["time"]
     edges = STEP * np.arange(np.floor(time[0] / STEP), np.ceil(time[-1] / STEP) + 1)
     rate = rates(mean_attitude(time, attitude["quaternion"], edges), STEP)
@@ -161,7 +161,7 @@ def _motion(attitude):
 
 
 def _spans(time, inside, shortest):
-    """Begin and end of long enough spans (s, 2); a step of the epochs over a minute ends one."""
+    """Begin and end (k, 2) s of runs of `inside` (n,) at least `shortest` s long; a step of over 60 s ends one."""
     breaks = np.flatnonzero(np.diff(time) > 60.0) + 1
     spans = []
     for part in np.split(np.arange(time.size), breaks):
@@ -173,7 +173,7 @@ def _spans(time, inside, shortest):
 def align(
     detected: xr.Dataset, sensor: Callable, tracker: Callable, orbit: Callable, *, margin_s, spike_sigma, gap_limit_s
 ) -> xr.Dataset:
-    """Everything about the first swing: voltages on an even grid without spikes and gaps, attitude, position.
+    """Product of the first swing: voltages on an even grid without spikes and gaps, attitude, position.
 
     Sensor, tracker and orbit are functions (start, stop) -> records between two epochs. An EstimationError for a longer
     gap than gap_limit_s, or a record that does not reach over the swing.
@@ -216,18 +216,18 @@ def align(
 def late(aligned: xr.Dataset) -> int:
     """Whole seconds by which tags of the attitude are late against the voltages of a swing, 0 where no lag stands out.
 
-    By the lag at which the attitude turns as the voltages say; "inertial_sensor.align".
+    By the cross-correlation of angular acceleration and angular readouts of "inertial_sensor.align".
     """
     time = aligned["time"].values
     edges = np.arange(np.ceil(time[0]), np.floor(time[-1]) + 1)
     volt, _ = bin_means(time, electrodes.readouts(aligned["volts"].values)[:, 3:], edges)
     attitude = mean_attitude(aligned["time_att"].values, aligned["quaternion"].values, edges)
     series = np.gradient(rates(attitude, 1.0), axis=0), volt
-    turning, said = (np.nan_to_num(one - np.nanmean(one, axis=0)) for one in series)
-    frequency = np.fft.rfftfreq(2 * len(said), 1.0)
+    rate_dot, readout = (np.nan_to_num(one - np.nanmean(one, axis=0)) for one in series)
+    frequency = np.fft.rfftfreq(2 * len(readout), 1.0)
     weight = ((frequency > TURNING_HZ[0]) & (frequency < TURNING_HZ[1]))[:, None]
-    spectra = (np.fft.rfft(one, 2 * len(said), axis=0) for one in (turning, said))
-    return timing.lag(*spectra, min(APART_S, len(said) - 1), NEAR_S, weight)
+    spectra = (np.fft.rfft(one, 2 * len(readout), axis=0) for one in (rate_dot, readout))
+    return timing.lag(*spectra, min(APART_S, len(readout) - 1), NEAR_S, weight)
 
 
 def on_grid(time: np.ndarray, values: np.ndarray, grid: np.ndarray) -> np.ndarray:
@@ -243,7 +243,7 @@ def on_grid(time: np.ndarray, values: np.ndarray, grid: np.ndarray) -> np.ndarra
 def segment(
     detected: xr.Dataset, days: Sequence[tuple[Callable, Callable, Callable]], *, step_s, workers
 ) -> xr.Dataset:
-    """Bins of all rolls, day by day, never all of the record in memory.
+    """Product of the bins of all rolls, as of `reduced`, day by day, never all of the record in memory.
 
     The days are functions that read sensor, tracker and orbit of each, of which so many `workers` are held at a time.
     """

@@ -1,4 +1,4 @@
-"""Stage `bias`: segments of a roll solved and joined by a robust mean; what rolling about y cannot tell is said."""
+"""Stage `bias`: segments of a roll solved and joined by a robust mean; what rolling about y leaves undetermined."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ from gravcal.physics import sensing
 ENOUGH = 3  # segments that a mean and its scatter need
 SEPARABLE = (1, 0, 1)  # about y the direction cosines are constant: b_y and the constant acceleration are one sum (T-9)
 MEMORY = 3  # order of the autoregressive noise of a residual, half a minute
-LIMIT = 3.0  # standard deviations from the neighbours beyond which a segment is drawn in
+LIMIT = 3.0  # standard deviations from the neighbours at which a segment is winsorised
 NEIGHBOURS = 5  # segments of the running median
 #: Values of a product with the variables that hold their covariances or standard deviations.
 ERRORS = {
@@ -45,11 +45,11 @@ class Sensor:
 
 @dataclass(frozen=True)
 class Model:
-    """What stands in a segment beside the bias."""
+    """Terms fitted to a segment beside the bias."""
 
     trend_degree: int  # of the polynomial; its mean over the segment is the constant
     amplitude_degree: int  # of the polynomials by which non-gravitational accelerations change (published: 1)
-    harmonics: int = 0  # of the revolution by which they change beside (published: 0)
+    harmonics: int = 0  # of the revolution by which they change as well (published: 0)
     with_offset: bool = True  # keep the term of the offset (published: may be dropped; erratum T-10 says no)
 
 
@@ -98,7 +98,7 @@ def bias(
     k_z_before,
     assumed,
 ) -> xr.Dataset:
-    """Bias of the linear axes; beside a swing also without usable segments, the bias NaN.
+    """Product "inertial_sensor.bias" of the linear axes; after a swing, its bias is NaN without usable segments.
 
     Swing are "inertial_sensor.scale" and "inertial_sensor.offset", or none, where scale factors and offset are assumed.
     The method "published" has no offset term, and amplitudes are straight lines; k_z_before m s-2 V-1 is the factor
@@ -137,7 +137,7 @@ def bias(
 
 
 def cut(time: np.ndarray, segment_s: float) -> tuple[float, list[slice]]:
-    """Length s of the bins (b,) of a roll, and slices of those of each segment of so many seconds; none holds a gap.
+    """Length s of the bins, at epochs (b,) s, of a roll, and slices of the bins of each segment; none holds a gap.
 
     Where there is one bin only it is as long as a segment.
     """
@@ -149,7 +149,7 @@ def cut(time: np.ndarray, segment_s: float) -> tuple[float, list[slice]]:
 
 
 def offset_terms(rate_b, gradient_b, step_s: float) -> np.ndarray:
-    """Tensor of the offset in the bins of a segment (b, 3, 3) s-2; the rate of rolling changes as its line."""
+    """Tensors (b, 3, 3) s-2 of the offset in the bins of a segment; angular acceleration is that of a line of rates."""
     slope = np.polyfit(step_s * np.arange(len(rate_b)), rate_b, 1)[0]
     return sensing.offset_tensor(rate_b, np.broadcast_to(slope, rate_b.shape), gradient_b)
 
@@ -170,7 +170,7 @@ def design(axis: int, R_bo: np.ndarray, model: Model, phase: np.ndarray | None =
 
 
 def _changes(count, model, phase):
-    """How non-gravitational accelerations may change over a segment of so many bins (b, c)."""
+    """Columns (b, c) by which non-gravitational accelerations may change over a segment of `count` bins."""
     change = np.polynomial.legendre.legvander(np.linspace(-1, 1, count), model.amplitude_degree)
     waves = [wave(n * phase)[:, None] for n in range(1, model.harmonics + 1) for wave in (np.cos, np.sin)]
     return np.concatenate([change, *waves], axis=1)
@@ -224,8 +224,8 @@ def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, segment_
         phase = orbital_phase(one["gradient_b"], step_s)
         residual = np.empty_like(linear_volt)
         for axis in range(3):
-            fitted, error, left, amplitudes = solve_axis(axis, readings[:, axis], one["R_bo"], model, phase)
-            (constant[s, axis], volt[s, axis]), sigma[s, axis], residual[:, axis] = fitted, error[0], left[:, 0]
+            fitted, error, rest, amplitudes = solve_axis(axis, readings[:, axis], one["R_bo"], model, phase)
+            (constant[s, axis], volt[s, axis]), sigma[s, axis], residual[:, axis] = fitted, error[0], rest[:, 0]
             if axis != 1:
                 amplitude[s, axis // 2] = amplitudes[:, 0]
         slope[s] = tensor.mean(axis=0)
@@ -246,7 +246,7 @@ def redness(residual: np.ndarray, step_s: float) -> np.ndarray:
 
 
 def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = ()) -> tuple[float, float, float]:
-    """Mean over the time covered, its sigma and the slow wander, of values that stand out from their neighbours little.
+    """Winsorised mean of values (n,) with sigma (n,) over the time covered, its sigma, and rms of their slow wander.
 
     Its error comes from the error of every value; what the values scatter beyond it is a slow wander, which a mean over
     the time covered rightly contains. So a value is judged by its neighbours: judged by the mean of all, wander would
@@ -258,16 +258,16 @@ def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = 
         return float(np.mean(values)) if values.size else np.nan, np.nan, np.nan
     white = np.sqrt(np.mean(sigma**2))
     local = median_filter(values, size=min(NEIGHBOURS, values.size), mode="mirror")
-    left = values - local
-    limit = LIMIT * max(1.4826 * np.median(np.abs(left)), white, 1e-300)
-    drawn = local + np.minimum(1.0, limit / np.maximum(np.abs(left), 1e-300)) * left
-    wander = np.sqrt(max(np.var(drawn, ddof=1) - white**2, 0.0))
+    deviation = values - local
+    limit = LIMIT * max(1.4826 * np.median(np.abs(deviation)), white, 1e-300)
+    winsorised = local + np.minimum(1.0, limit / np.maximum(np.abs(deviation), 1e-300)) * deviation
+    wander = np.sqrt(max(np.var(winsorised, ddof=1) - white**2, 0.0))
     unobserved = wander * np.linalg.norm(missing) / (values.size + sum(missing))
-    return float(drawn.mean()), float(np.hypot(white / np.sqrt(values.size), unobserved)), float(wander)
+    return float(winsorised.mean()), float(np.hypot(white / np.sqrt(values.size), unobserved)), float(wander)
 
 
 def estimates(solved: Segments, sensor: Sensor) -> dict:
-    """Joined bias and the parts of its error.
+    """Joined bias (3,) m s-2, the parts of its error, mean non-gravitational amplitudes, {variable: array}.
 
     Notes
     -----
@@ -276,20 +276,20 @@ def estimates(solved: Segments, sensor: Sensor) -> dict:
     """
     used = solved.used
     edges = np.flatnonzero(np.diff(np.concatenate([[1], used, [1]]).astype(int)))
-    lost = (edges[1::2] - edges[::2]).tolist()
+    gaps = (edges[1::2] - edges[::2]).tolist()
     sigma = solved.sigma[used]
     values, readings = -solved.constant[used].T, -solved.volt[used].T
-    value, statistical, wander = np.transpose([robust_mean(*one, lost) for one in zip(values, sigma.T, strict=True)])
+    value, statistical, wander = np.transpose([robust_mean(*one, gaps) for one in zip(values, sigma.T, strict=True)])
     of_volts = zip(readings, (sigma / sensor.k).T, strict=True)
-    volt, volt_sigma, _ = np.transpose([robust_mean(*one, lost) for one in of_volts])
+    volt, volt_sigma, _ = np.transpose([robust_mean(*one, gaps) for one in of_volts])
     slope = solved.offset_slope[used].mean(axis=0)
     of_offset = sensor.covariance, sensor.covariance_total
-    common, wider = (np.sqrt(np.diag(slope @ matrix @ slope.T)) for matrix in of_offset)
+    common, common_total = (np.sqrt(np.diag(slope @ matrix @ slope.T)) for matrix in of_offset)
     factor = np.abs(value) * sensor.k_sigma / sensor.k
     return {
         "bias": value,
         "bias_sigma": np.hypot(statistical, common),
-        "bias_sigma_total": np.hypot(np.hypot(statistical, wider), factor),
+        "bias_sigma_total": np.hypot(np.hypot(statistical, common_total), factor),
         "bias_volt": volt,
         "bias_volt_sigma": volt_sigma,
         "statistical_sigma": statistical,
@@ -302,7 +302,7 @@ def estimates(solved: Segments, sensor: Sensor) -> dict:
 
 
 def spectra(bins: Mapping[str, np.ndarray], solved: Segments, sensor: Sensor, k_z_before: float, segment_s) -> dict:
-    """Amplitude spectra of the z axis: with the old factor, with the new one, and with motion and drag taken off too.
+    """Amplitude spectra {"frequency": (f,) Hz, "density": (3, f)} of z: old factor, new one, motion and drag off too.
 
     Notes
     -----
@@ -310,20 +310,20 @@ def spectra(bins: Mapping[str, np.ndarray], solved: Segments, sensor: Sensor, k_
     noise keeps its density in means of bins: what their roll-off takes, aliasing gives back.
     """
     step, parts = cut(bins["time"], segment_s)
-    raw, left = [], []
+    raw, residuals = [], []
     for part in (part for part, used in zip(parts, solved.used, strict=True) if used):
         volt, gradient, R_bo = (bins[name][part] for name in ("linear_volt", "gradient_b", "R_bo"))
         tensor = offset_terms(bins["rate_b"][part], gradient, step)
         reading = sensor.k[2] * volt[:, 2] - (tensor @ sensor.offset)[:, 2]
         raw.append(volt[:, 2])
-        left.append(solve_axis(2, reading[:, None], R_bo, Model(3, 1, 2), orbital_phase(gradient, step))[2][:, 0])
+        residuals.append(solve_axis(2, reading[:, None], R_bo, Model(3, 1, 2), orbital_phase(gradient, step))[2][:, 0])
     spectrum = {"fs": 1 / step, "nperseg": raw[0].size, "noverlap": 0, "average": "median"}
     frequency, volts = welch(np.concatenate(raw), detrend="linear", **spectrum)
-    _, rest = welch(np.concatenate(left), **spectrum)
-    density = np.sqrt([k_z_before**2 * volts, sensor.k[2] ** 2 * volts, rest])
+    _, residual_power = welch(np.concatenate(residuals), **spectrum)
+    density = np.sqrt([k_z_before**2 * volts, sensor.k[2] ** 2 * volts, residual_power])
     return {"frequency": frequency[2:], "density": density[:, 2:]}
 
 
 def with_model_error(solved: xr.Dataset, *moved: xr.Dataset, kind: str) -> xr.Dataset:
-    """Product with the errors of a model that was taken out before; one moved product a direction of these errors."""
+    """Product whose errors hold those of a model taken out before; one moved product for each direction of these."""
     return replaced(solved, widened(solved, moved, ERRORS[kind]))

@@ -1,4 +1,4 @@
-"""What voltages, attitude and orbit of the manoeuvres must satisfy against each other, and what the result must."""
+"""Checks of voltages, attitude and orbit of the manoeuvres against each other, and of the result."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -21,7 +21,7 @@ STEP = 10.0  # s, of means while rolling
 GUARD = 20.0  # s kept clear of the swing where voltages are to be quiet
 MEDIAN = 11  # samples of the running median before changes are looked at
 LEAST = 3000.0  # s of a roll that determine the torque of gravity to 3 %
-LOST = 60.0  # s without attitude in which a swing is not found
+LOST = 60.0  # s without attitude in which a swing is not detected
 IDLE = "attitude against orbit on days without swing and roll"
 TORQUE = "angular reading y over gravity torque while rolling, from one"
 #: Setting and unit of the limit of each check of the records.
@@ -46,7 +46,7 @@ def inputs(
     inertia,
     **limits: float,
 ) -> xr.Dataset:
-    """Checks of the records of all manoeuvres, the worst of all days; where nothing is found the attitude is to say so.
+    """Checks of the records of all manoeuvres, the worst of all days; of days without any, of the attitude alone.
 
     Days are functions that read sensor, tracker and orbit of each; expected_beta (2,) rad s-2 V-1 is about x and about
     y and z, orbit_height m catalogued, inertia (3,) kg m2 of the test mass.
@@ -63,7 +63,7 @@ def inputs(
             time, quaternion = tracker["time"], tracker["quaternion"]
             begin, end = noise.runs(~(np.linalg.norm(quaternion, axis=1) > 0.5))
             few, nothing = slice(None, None, max(1, time.size // 8640)), np.zeros((0, 2))
-            lost = np.max(time[end - 1] - time[begin], initial=0.0) > LOST  # a roll with it is found nowhere
+            lost = np.max(time[end - 1] - time[begin], initial=0.0) > LOST  # a roll with it is not detected
             pointing = _pointing(time[few], quaternion[few], orbit, in_windows(time[few], nothing, 0.0))
             idle.append(np.inf if lost else pointing)
             continue
@@ -95,17 +95,17 @@ def inputs(
 
 
 def _within(record, spans):
-    """Part of a record that lies in spans."""
+    """Part of a record {variable: (n, ...)} that lies in spans (k, 2) s."""
     inside = in_windows(record["time"], spans, 0.0)
     return {name: values[inside] for name, values in record.items()}
 
 
 def _steps(sensor, spans):
-    """Rms over median of the change of a voltage in a second of quiet data, from one; spikes of a few samples apart.
+    """Largest rms over median of the change of a voltage in a second of quiet spans, less short spikes; at least 1.
 
     Changes of noise give one; a sign, a scale or an offset of some seconds gives steps, which the noise would hold.
     """
-    worst = 1.0
+    largest = 1.0
     for start, stop in spans:
         volts = _within(sensor, np.array([[float(start), float(stop)]]))["volts"]
         if len(volts) > 10 * MEDIAN:
@@ -114,12 +114,12 @@ def _steps(sensor, spans):
             change -= np.median(change, axis=0)
             typical = 1.4826 * np.median(np.abs(change), axis=0)
             rms = np.sqrt(np.mean(change**2, axis=0))
-            worst = max(worst, float(np.max(np.divide(rms, typical, out=np.ones_like(rms), where=typical > 0))))
-    return worst
+            largest = max(largest, float(np.max(np.divide(rms, typical, out=np.ones_like(rms), where=typical > 0))))
+    return largest
 
 
 def _torque(sensor, tracker, orbit, beta, inertia):
-    """Change of the angular readout y over that of the torque of gravity, from one; NaN of a short roll."""
+    """Departure from one of the ratio of angular readout y to that by torques on the test mass; NaN if short."""
     if min(one["time"].size for one in (sensor, tracker, orbit)) < 3 or np.ptp(sensor["time"]) < LEAST:
         return np.nan
     means = align.reduced(sensor, tracker, orbit, STEP)
@@ -136,7 +136,7 @@ def _torque(sensor, tracker, orbit, beta, inertia):
 
 
 def _pointing(time, quaternion, orbit, rolling):
-    """Largest angle from the flight attitude (rad); while rolling about y, of y from the orbit normal."""
+    """Largest angle rad from the flight attitude; where rolling (n,) about y, angle of y from the orbit normal."""
     state = np.concatenate([orbit["position"], orbit["velocity"]], axis=1)
     known = np.linalg.norm(np.cross(state[:, :3], state[:, 3:]), axis=1) > 0
     if not known.any():
@@ -147,12 +147,12 @@ def _pointing(time, quaternion, orbit, rolling):
         return np.nan
     state = lines_between(time[covered], orbit["time"][known], state[known])
     R_bo = frames.R_bi_from_quaternion(quaternion[covered]) @ np.swapaxes(frames.flight_frame(state), 1, 2)
-    whole = np.trace(R_bo, axis1=1, axis2=2) / 2 - 0.5
-    return np.arccos(np.clip(np.where(rolling[covered], R_bo[:, 1, 1], whole), -1, 1)).max()
+    cosine = np.trace(R_bo, axis1=1, axis2=2) / 2 - 0.5
+    return np.arccos(np.clip(np.where(rolling[covered], R_bo[:, 1, 1], cosine), -1, 1)).max()
 
 
 def result(products: Mapping[str, xr.Dataset], limits: Mapping) -> list[Check]:
-    """Checks of what was found in swing and roll: quality of the fits, solutions against each other, plausible size.
+    """Checks of the results of swing and roll: quality of the fits, solutions against each other, plausible size.
 
     `limits` are all settings.
     """
@@ -164,7 +164,7 @@ def result(products: Mapping[str, xr.Dataset], limits: Mapping) -> list[Check]:
         last = np.abs((scaled.filter_value.values[-1] - scaled.batch_value.values) / scaled.filter_sigma.values[-1])
         first, second = moved.covariance.values  # the second solution has part of the data of the first
         variance = np.diag(second - first) + np.sum(np.diff(moved["shift"].values, axis=0)[0] ** 2, axis=0)
-        apart = np.abs(np.diff(moved.offset.values, axis=0)[0]) / np.sqrt(np.maximum(variance, 1e-300))
+        deviation = np.abs(np.diff(moved.offset.values, axis=0)[0]) / np.sqrt(np.maximum(variance, 1e-300))
         tests += [
             at_most("chi2 per degree of freedom, scale factors", scaled.chi2 / scaled.dof, limits["fit_limit"], "1"),
             at_most("chi2 per degree of freedom, offset", moved.chi2 / moved.dof, limits["fit_limit"], "1"),
@@ -173,7 +173,7 @@ def result(products: Mapping[str, xr.Dataset], limits: Mapping) -> list[Check]:
             at_most("beta_y over the catalogue, from one", off_y, limits["factor_limit"], "1"),
             at_most("delay of the tracker", abs(scaled.delay), limits["delay_limit_s"], "s"),
             at_most("size of the offset", 1e6 * np.abs(moved.offset).max(), limits["offset_limit_um"], "um"),
-            at_most("offset with and without a_y", apart.max(), limits["agreement_limit"], "sigma"),
+            at_most("offset with and without a_y", deviation.max(), limits["agreement_limit"], "sigma"),
         ]
     if "bias" in products and "not_determined" not in products["bias"].attrs:
         biased = products["bias"]  # segments of the roll, drag as its axes see it, and the size of the bias

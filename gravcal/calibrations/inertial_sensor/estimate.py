@@ -95,7 +95,7 @@ def estimate(
 def scale(
     aligned: xr.Dataset, *, method, bin_s, quiet_margin_s, first_beta, arm_x_mm, k_y, k_y_sigma, geometry
 ) -> xr.Dataset:
-    """Scale factors of one swing, by the method "gravcal" or "published".
+    """Product "inertial_sensor.scale" of one swing, by the method "gravcal" or "published".
 
     first_beta (2,) rad s-2 V-1 is where the fit starts, about x and about y and z; k_y m s-2 V-1 is taken as it is;
     geometry holds "mass" kg, "inertia" kg m2, "arm" m, and each with "_sigma".
@@ -170,7 +170,7 @@ def swing_of(aligned: xr.Dataset, bin_s: float, quiet_margin_s: float, inertia: 
 
 
 def _motion(prepared, fitted):
-    """Bin means of the motion, and the measured angle for the figures."""
+    """Bin means (b, 3) of the fitted motion, residual, and measured angle for the figures, {variable: array}."""
     motion, edges, system = fitted.motion, prepared.edges, fitted.system
     residual = np.full(system.valid.size, np.nan)
     residual[system.valid] = system.residual
@@ -220,7 +220,7 @@ def linear_factors(beta, beta_sigma, geometry: Mapping, k_y: tuple[float, float]
 
 
 def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
-    """Beta as the paper finds it: angular acceleration of the star tracker against noisy voltages, Kalman filter.
+    """Published {"beta", "beta_sigma": (3,)}: tracker angular acceleration against noisy voltages, Kalman filter.
 
     Its sigma is the scatter of the estimate after convergence. y = (wd_x, wd_y), H = (V_z1 - V_z2, V_x2 - V_x3), one
     filter each; Remote Sens. 2023, 15, 3817, eqs. 18-23.
@@ -237,8 +237,8 @@ def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
     inside = (middle >= first) & (middle <= last)
     operator = crn.operator(FILTER, 0, np.ones(middle.size, dtype=bool), (middle[0], bin_s), middle[inside])
     filtered = [operator(np.nan_to_num(values)) for values in (rate_dot, volt)]
-    line = np.linalg.qr(np.stack([np.ones(len(filtered[0])), np.linspace(-1, 1, len(filtered[0]))], axis=1))[0]
-    y, h = (values - line @ (line.T @ values) for values in filtered)
+    trend = np.linalg.qr(np.stack([np.ones(len(filtered[0])), np.linspace(-1, 1, len(filtered[0]))], axis=1))[0]
+    y, h = (values - trend @ (trend.T @ values) for values in filtered)
     beta, sigma = np.zeros(2), np.zeros(2)
     for axis, (one, column) in enumerate(zip(y.T[:2], h.T[:2], strict=True)):
         batch = (column @ one) / (column @ column)  # start and R from batch least squares
@@ -358,7 +358,7 @@ def fit_offset(
 
 
 def _finite(solution):
-    """Estimate whose directions that nothing determines are zero, without error."""
+    """Estimate by pseudo-inverse: directions that nothing determines are zero, without error."""
     covariance = least_squares.stable_inverse(solution.information)
     return replace(solution, value=covariance @ solution.right, covariance=covariance)
 
@@ -375,14 +375,14 @@ def factor_y(record: Record, k: np.ndarray, relative: np.ndarray) -> tuple[float
 
 
 def _factor_y(record, k):
-    """Value and statistical error: Gauss-Newton in p and 1/k_y, from p without a_y."""
+    """k_y and its statistical error, m s-2 V-1: Gauss-Newton in p and 1/k_y, from p without a_y."""
     columns = sensing.offset_tensor(record.rate_b, record.rate_dot_b, record.gradient_b)
     place, inverse = fit_offset(record, k, CHOICES[1]).value, 1 / np.asarray(k, float)
     for _ in range(ROUNDS):
         term = np.matvec(columns, place)
         rows = np.concatenate([inverse[:, None] * columns, (term * [0, 1, 0])[:, :, None]], axis=2)
-        left, names = record.linear_volt - inverse * term, ("x", "y", "z", "1/k_y")
-        step = _finite(estimating.estimate(left, rows, record.noise, record.trend, names, "m, m, m, V s2 m-1"))
+        residual, names = record.linear_volt - inverse * term, ("x", "y", "z", "1/k_y")
+        step = _finite(estimating.estimate(residual, rows, record.noise, record.trend, names, "m, m, m, V s2 m-1"))
         place, inverse = place + step.value[:3], inverse + np.array([0, step.value[3], 0])
     return 1 / inverse[1], float(step.sigma[3]) / inverse[1] ** 2
 
@@ -394,6 +394,6 @@ def shifts(record: Record, k: np.ndarray, axes: tuple[int, ...]) -> np.ndarray:
 
 
 def _scaled(record, k):
-    """Record and k with each of FACTORS larger by 1e-4."""
+    """Pairs (record, k), one for each of FACTORS, in which that factor is larger by 1e-4."""
     rows = [(1 + 1e-4 * np.array(turn), 1 + 1e-4 * np.array(push)) for turn, push in FACTORS.values()]
     return [(replace(record, rate_dot_b=record.rate_dot_b * turn), k * push) for turn, push in rows]

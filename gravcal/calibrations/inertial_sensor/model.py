@@ -22,12 +22,12 @@ from gravcal.physics import frames, gravity, kinematics
 #: Which of the two estimated factors belongs to each axis: those about y and z are one.
 OWNER = np.array([0, 1, 1])
 FACTORS = 2
-STEPS = 12  # at most
+STEPS = 12  # of the iterated fit, at most
 
 
 @dataclass(frozen=True)
 class Swing:
-    """What is known before the fit."""
+    """Records of a swing and their noise, before the fit."""
 
     time: np.ndarray  # (n,) s, sensor epochs, evenly spaced
     angular_volt: np.ndarray  # (n, 3) V, angular readouts, spikes repaired
@@ -38,7 +38,7 @@ class Swing:
     inertia: np.ndarray  # (3,) kg m2 of the test mass
     voltage_variance: np.ndarray  # (3,) V2 of an angular readout averaged over a bin
     tracker_variance: np.ndarray  # (3,) rad2 of one tracker sample
-    tracker_noise: np.ndarray  # (3, b) covariance of bins so far apart over that of white noise
+    tracker_noise: np.ndarray  # (3, b) autocovariance of bins by lag over that of white noise
 
     @property
     def middle(self) -> np.ndarray:
@@ -86,7 +86,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class LinearSystem:
-    """Attitude rows about some unknowns, of the bins with tracker samples."""
+    """Attitude observations linearised about some unknowns, of the bins with tracker samples."""
 
     residual: np.ndarray  # (r,) rad
     design: np.ndarray  # (r, 15) rad per unit
@@ -146,25 +146,25 @@ def residual_and_columns(swing: Swing, unknowns: Unknowns, motion: Motion) -> tu
 
 def angle_columns(swing: Swing, motion: Motion) -> np.ndarray:
     """Change of the attitude with factors, start angle and rate, constant and slope (n, 3, 14) rad per unit."""
-    one = np.eye(3)
-    each = np.broadcast_to(one, (swing.time.size, 3, 3))
+    identity = np.eye(3)
+    identities = np.broadcast_to(identity, (swing.time.size, 3, 3))
     volts = np.zeros((swing.time.size, 3, FACTORS))
     volts[:, range(3), OWNER] = swing.angular_volt
-    rate_dot = np.concatenate([volts, each, swing.unit_time[:, None, None] * one], axis=2)
+    rate_dot = np.concatenate([volts, identities, swing.unit_time[:, None, None] * identity], axis=2)
     rate = kinematics.running_integral(swing.time, rate_dot)
-    rate = np.concatenate([rate[:, :, :FACTORS], each, rate[:, :, FACTORS:]], axis=2)
+    rate = np.concatenate([rate[:, :, :FACTORS], identities, rate[:, :, FACTORS:]], axis=2)
     R_bi = frames.R_bi_from_quaternion(motion.quaternion)
     angle = kinematics.angle_from_rate_change(swing.time, R_bi, rate)
     return np.concatenate([angle[:, :, :FACTORS], R_bi @ R_bi[0].T, angle[:, :, FACTORS:]], axis=2)
 
 
 def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray) -> np.ndarray:
-    """Straight lines between values (n, ...) along the first axis, beyond the ends too."""
+    """Values (n, ...) interpolated linearly along the first axis at epochs (m,) s, extrapolated beyond the ends."""
     return make_interp_spline(time - time[0], values, k=1)(at - time[0])
 
 
 def noise_map(swing: Swing, motion: Motion) -> np.ndarray:
-    """Angle in every bin per unit of angular acceleration, about each axis, held over every bin (3, 3 b, b) s2."""
+    """Angle in every bin per unit of angular acceleration about each axis during every bin, (3, 3 b, b) s2."""
     count = swing.edges.size - 1
     step = swing.edges[1] - swing.edges[0]
     nearest = np.clip(np.searchsorted(swing.time, swing.middle), 0, swing.time.size - 1)
@@ -239,7 +239,7 @@ def fit(swing: Swing, first: np.ndarray) -> Fit:
 
 
 def _begin(swing, first):
-    """Start values: rates by differencing the tracker over five seconds."""
+    """Start unknowns and motion, from first factors (2,); rates by differencing the tracker over five seconds."""
     near = np.abs(swing.time_att - swing.time[0] - 2.5) <= 2.5
     angle = frames.attitude_error(swing.quaternion[near], swing.quaternion[near][:1])
     rate = np.polyfit(swing.time_att[near] - swing.time_att[near][0], angle, 1)[0]

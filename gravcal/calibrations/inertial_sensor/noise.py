@@ -10,16 +10,15 @@ from gravcal.estimation import least_squares, noise
 from gravcal.estimation.noise import NoiseModel, Spectrum
 from gravcal.estimation.resampling import bin_means
 
-#: Lowest frequency at which the noise of the tracker shows beside the motion, knots of its spectrum, probability below
-#: which that is not flat.
+#: Least frequency Hz with tracker noise beside motion; knots of its spectrum; least probability of a flat spectrum.
 MOTION_HZ, KNOTS, FLAT = 0.015, 4, 1e-3
 READING_KNOTS = 6  # of the spectra of the linear readings
 
 
 def quiet_edges(aligned: xr.Dataset, bin_s: float, margin_s: float, first: float | None = None) -> list[np.ndarray]:
-    """Edges s of the bins before and after the swing, of each where there are more than twenty.
+    """Edges (k,) s of the quiet bins before and after the swing, of each side with more than twenty.
 
-    Bins that go on from a first edge s have the aliases of fast lines in the phases of the others.
+    With a `first` edge s all bins lie on its grid, so that aliases of fast lines go on from side to side in phase.
     """
     ends = aligned.time.values[[0, -1]]
     spans = ((ends[0], float(aligned.start) - margin_s), (float(aligned.stop) + margin_s, ends[1]))
@@ -28,7 +27,7 @@ def quiet_edges(aligned: xr.Dataset, bin_s: float, margin_s: float, first: float
 
 
 def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, *bins: float) -> list[np.ndarray]:
-    """Means over `quiet_edges` of values (n, m), less a cubic of each side, NaN where samples are missing."""
+    """Bin means (k, m) over `quiet_edges` of values (n, m), less a cubic a side, NaN where samples are missing."""
     values = np.where((aligned.flag.values == 2).any(axis=1, keepdims=True), np.nan, values)
     blocks = [bin_means(aligned.time.values, values, one)[0] for one in quiet_edges(aligned, *bins)]
     for block in blocks:
@@ -39,7 +38,7 @@ def quiet_blocks(aligned: xr.Dataset, values: np.ndarray, *bins: float) -> list[
 
 
 def cubic(count: int) -> np.ndarray:
-    """Columns (count, 4) of the slow part of quiet data."""
+    """Columns (count, 4) of a polynomial of degree three, the slow part of quiet data."""
     return least_squares.polynomial(np.arange(count), 3, 0, count - 1)
 
 
@@ -53,7 +52,7 @@ def spectra_of(blocks: list[np.ndarray], step_s: float) -> tuple[Spectrum, ...]:
 def of_tracker(
     bins: Sequence[tuple[np.ndarray, np.ndarray]], variance: np.ndarray, count: int, step_s: float
 ) -> np.ndarray:
-    """Covariance (3, count) of bins of the tracker so far apart, over that of its samples if their noise is white.
+    """Autocovariance (3, count) of tracker bins by lag, in units of `variance` (3,) rad2 of a sample over their number.
 
     One and zeros where their spectrum is flat, as far as is known. Bins are means (n, 3) and numbers (n,) of samples.
     A polynomial stands for the motion, below the lowest knot of the spectrum; a bin that is not full has another epoch.
@@ -66,8 +65,8 @@ def of_tracker(
         parts = [(values[:, axis], len(values), int(2 * len(values) * step_s * MOTION_HZ)) for values in whole]
         rows = [(one, least_squares.polynomial(np.arange(n), degree, 0, n - 1)) for one, n, degree in parts]
         spectrum = noise.fit_spectrum(rows, step_s, knots)
-        away = spectrum.log_density - spectrum.log_density.mean()
-        if not chdtrc(KNOTS - 1, away @ np.linalg.solve(spectrum.covariance, away)) > FLAT:
+        deviation = spectrum.log_density - spectrum.log_density.mean()
+        if not chdtrc(KNOTS - 1, deviation @ np.linalg.solve(spectrum.covariance, deviation)) > FLAT:
             density = spectrum.density(np.fft.rfftfreq(8 * count, step_s))
             covariance[axis] = np.fft.irfft(density)[:count] / (2 * step_s) * samples / variance[axis]
     return covariance
@@ -76,7 +75,7 @@ def of_tracker(
 def of_segments(
     left: np.ndarray, local: Sequence[Sequence[np.ndarray]], shared: np.ndarray, count: np.ndarray, step_s: float
 ) -> tuple[list[NoiseModel], np.ndarray]:
-    """Noise of each axis of a roll as a sum of power laws, and what is left, whitened with it (s b, 3).
+    """Noise models of the axes of a roll, sums of power laws, and its residual whitened with them, (s b, 3).
 
     It is fitted to periodograms of all segments, those that touch joined, of what is left (s, b, 3) beside columns of
     each axis and segment (b, p) and shared ones (s, b, f); power laws are drawn and go through the same, and go on
@@ -89,16 +88,17 @@ def of_segments(
 
 
 def _of_axis(left, local, shared, count, joined, step_s):
-    own = [least_squares.orthonormal(columns, 1e-6) for columns in local]
-    alone = lambda values: np.stack([v - q @ (q.T @ v) for v, q in zip(values, own, strict=True)])  # noqa: E731
+    """Noise model, whitened residual (s b,) of an axis: left (s, b, 1), local columns [(b, p)], shared (s, b, f)."""
+    bases = [least_squares.orthonormal(columns, 1e-6) for columns in local]
+    project = lambda values: np.stack([v - q @ (q.T @ v) for v, q in zip(values, bases, strict=True)])  # noqa: E731
 
     def beside(places):
         """Function values (s, b, d) -> what is left beside all columns and jumps, in runs of segments (n, d)."""
         forms = np.concatenate([shared, noise.jump_columns(count.size, places).reshape(*count.shape, -1)], axis=2)
-        basis = least_squares.orthonormal(alone(forms).reshape(count.size, -1), 1e-6)
+        basis = least_squares.orthonormal(project(forms).reshape(count.size, -1), 1e-6)
 
         def clean(values):
-            flat = alone(values).reshape(count.size, -1)
+            flat = project(values).reshape(count.size, -1)
             rest = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
             return [rest[run].reshape(-1, values.shape[2]) for run in joined]
 

@@ -25,11 +25,11 @@ REPORTED = {
     "constant": (1e9, "nm s-2"),
     "k": (1e6, "1e-6 m s-2 V-1"),
 }
-#: Channels with a reading; what is left of an attitude wanders with the integrated noise of the voltages.
+#: Channels in which lines are searched; residuals of an attitude wander with the integrated noise of the voltages.
 READABLE = ("linear", observed_roll.CHANNEL)
-HARMONICS = 4  # of a smooth motion, in what follows it
+HARMONICS = 4  # of a smooth motion that signals driven by it have
 QUADRATIC = "inertial_sensor.quadratic"
-WAVES = ("unknown:attitude", "unknown:latitude")  # about a mean that a roll does not tell from a bias
+WAVES = ("unknown:attitude", "unknown:latitude")  # their mean cannot be separated from a bias in a roll
 #: Epochs round that of the search at which a step is looked for again, in spacings of the search.
 NEAR = np.linspace(-1.0, 1.0, 21)
 
@@ -107,25 +107,25 @@ class InertialSensor(records.Observations):
 
     @functools.cached_property
     def periods(self) -> dict[float, int]:
-        """Of the swing about each axis and of the roll: what follows the motion has power at their harmonics."""
+        """Periods of the swing about each axis and of the roll, {s: harmonics} of signals that motion drives."""
         roll = [2 * np.pi / abs(self.roll.rate_b[..., 1].mean())] if self.roll else []
         return dict.fromkeys([*(self.swing.periods() if self.swing else ()), *roll], HARMONICS)
 
     @property
     def groups(self) -> list[int]:
-        """A line has one phase in the swing and one in the roll."""
+        """Manoeuvre of each block, 0 swing and 1 roll: a line has one phase in each."""
         return [int(observed_roll.CHANNEL in block.channel) for block in self.blocks]
 
     @functools.cached_property
     def blocks(self) -> list[records.Block]:
-        """Blocks of both; parameters first among the global columns, then those of the swing that are not reported."""
+        """Blocks of swing, roll and prior; global columns: the parameters, then those of the swing not reported."""
         swung = self.swing.blocks(self.parameters) if self.swing else []
         width = swung[0].global_columns.shape[1] if swung else len(self.parameters)
         rolled = self.roll.blocks(self.parameters, width, alone=not swung) if self.roll else []
         return swung + rolled + ([self._known(width, swung[0].time[:1])] if swung else [])
 
     def _known(self, width, time):
-        """What is known of k_y beforehand."""
+        """Block of the prior of k_y, the factor of the ground, with `width` global columns, at an epoch (1,) s."""
         column = np.zeros((1, width))
         column[0, self.parameters.index("k_y")] = 1 / self.swing.k_y_sigma
         return records.Block.of("known beforehand", np.zeros(1), "prior", 1, time, shared=column)
@@ -137,7 +137,7 @@ class InertialSensor(records.Observations):
 
     @functools.cached_property
     def candidates(self) -> list[records.Candidate]:
-        """Candidates over the blocks of both; an effect that both can show acts in both."""
+        """Candidates over the blocks of swing and roll; an effect that both can show acts in both."""
         swung = self._over_all(responses.of_swing(self.swing)) if self.swing else []
         rolled = self._over_all(responses.of_roll(self.roll), self.swung) if self.roll else []
         biases = tuple(self.parameters.index(name) for name in RollView.parameters[:3]) if self.roll else ()
@@ -150,7 +150,7 @@ class InertialSensor(records.Observations):
         return list(candidates.values())
 
     def _over_all(self, candidates, before=0):
-        """Candidates with columns from a block on, over all blocks; those of a roll alone end before what is known."""
+        """Candidates whose columns begin with block `before`, filled up with None to all blocks, the prior included."""
         rows = ((one, [None] * before + one.columns) for one in candidates)
         return [replace(one, columns=c + [None] * (len(self.blocks) - len(c))) for one, c in rows]
 
@@ -162,13 +162,13 @@ class InertialSensor(records.Observations):
         return responses.STEP_S if swung[0] <= epoch <= swung[-1] else responses.QUIET_STEP_S
 
     def near(self, fitted: records.Fitted) -> list[records.Candidate]:
-        """Steps at epochs near that of a finding, in the swing or in a segment of the roll."""
+        """Candidates of steps at epochs near that of a fitted one, in the swing or in a segment of the roll."""
         one = fitted.candidate
         epoch = one.at if np.isfinite(one.at) else records.epoch_of(one.cause)
         return self._steps(epoch, epoch + self.spacing(epoch) * NEAR)
 
     def physical(self, entry: records.Entry, fitted: records.Fitted) -> records.Entry:
-        """Parameters with the mean of a wave in the linear reading, which no record of one axis tells from a bias.
+        """Entry in physical parameters, also the mean of a wave, which no record of one axis separates from a bias.
 
         A square of voltages whose mean is not zero changes their scale as well: where it was fitted beside the scale
         that it gives them, r = q / (1 + 4 q V), it is q = r / (1 - 4 r V), V the mean that was recorded; not determined
@@ -179,23 +179,23 @@ class InertialSensor(records.Observations):
         if entry.cause == QUADRATIC and entry.cause not in record.attrs.get("model", ""):
             volts = (self.swing or self.roll).context().extra["volts"]
             means = {a: volts[:, row > 0].mean() for a, row in zip("xyz", electrodes.READOUT, strict=False)}
-            bent = {a: max(1 - 4 * p.value * means[a], 0.0) or np.nan for a, p in physical.parameters.items()}
+            gain = {a: max(1 - 4 * p.value * means[a], 0.0) or np.nan for a, p in physical.parameters.items()}
             scaled = lambda p, by: replace(p, value=p.value / by, sigma=p.sigma / by**2)  # noqa: E731
-            return replace(physical, parameters={a: scaled(p, bent[a]) for a, p in physical.parameters.items()})
+            return replace(physical, parameters={a: scaled(p, gain[a]) for a, p in physical.parameters.items()})
         known = physical.parameters.items() if fitted.candidate.means else ()
         sizes = {a: [p.value for n, p in known if n.split("_")[1] == a and p.value] for a in "xyz"}
         means = {f"mean_{a}": records.Parameter(0.0, float(np.linalg.norm(v)), "m s-2") for a, v in sizes.items() if v}
         return replace(physical, parameters=dict(physical.parameters) | means)
 
     def forms_of(self, entry: records.Entry) -> Iterable[records.Candidate]:
-        """Candidate of its form; of a step that at its own epoch."""
+        """Candidates of the form of an entry; for a step the one at its own epoch."""
         epoch = entry.values.get("time", np.nan)
         if entry.cause != self.step or not (self.swing or self.roll.segment_of(epoch) is not None):
             return super().forms_of(entry)
         return self._steps(epoch, np.array([epoch]))
 
     def _steps(self, epoch, at):
-        """Steps at epochs (n,) s near one, in the swing or in the segment of the roll that it lies in."""
+        """Candidates of steps at epochs (n,) s near one, in the swing or in the segment of the roll that holds it."""
         index = self.roll.segment_of(epoch) if self.roll else None
         if index is not None:
             rows = self.roll.steps(index, at).items()
@@ -215,13 +215,13 @@ class InertialSensor(records.Observations):
             return [one for view in views for one in view.wave(search.axis, frequency)]
 
         def rows(block, frequency):
-            made = columns(frequency)[block] if block < len(columns(frequency)) else None
-            return np.zeros((self.blocks[block].observed.size, 2)) if made is None else made
+            block_columns = columns(frequency)[block] if block < len(columns(frequency)) else None
+            return np.zeros((self.blocks[block].observed.size, 2)) if block_columns is None else block_columns
 
         return rows
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
-        """Time s, reading that the baseline predicts, whitened rows of the whole record in its unit."""
+        """Time (m,) s, reading (m, 3) that the baseline predicts, rows of the whole record in its unit (q, m, 3)."""
         time, axis, names = (np.concatenate([getattr(b, n) for b in self.blocks]) for n in ("time", "axis", "channel"))
         here = names == channel
         if channel in SwingView.channels:

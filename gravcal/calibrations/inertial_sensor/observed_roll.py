@@ -1,8 +1,8 @@
 """A roll as discovery sees it: whitened linear readings of each segment, and the wander of the bias between them.
 
 Bias and offset are shared by all segments. A segment has the amplitudes of its own that the calibration gives it, and a
-constant that wanders about the bias; a row for each axis says by how much. The noise is a sum of power laws, beside
-every form that is tried.
+constant that wanders about the bias; a row for each axis holds its prior. The noise is a sum of power laws, estimated
+with every form that is tried free.
 """
 
 import functools
@@ -24,7 +24,7 @@ from gravcal.estimation.records import Block
 CHANNEL, CONSTANT = "roll", "constant"
 MOST = 48  # segments, evenly taken: columns of more take memory and add little
 ALIKE = 0.9  # correlation of the bias of neighbouring segments, at most
-UNKNOWN_M = 1e-3  # how far the offset may be from one that was assumed
+UNKNOWN_M = 1e-3  # prior sigma of an offset that was assumed
 STEP_EVERY_S = 20.0
 EDGE_S = 200.0  # from the ends of a segment, where its trend follows a step
 USUAL = 1e-7  # m s-2, size of a reading without its bias
@@ -39,7 +39,7 @@ class RollView:
     time: np.ndarray  # (s, b) s
     step_s: float  # length of a bin
     reading: np.ndarray  # (s, b, 3) m s-2, k V as measured
-    steady: np.ndarray  # (s, b, 3) m s-2, without wander: what the sensor feels by rolling, about the mean bias
+    steady: np.ndarray  # (s, b, 3) m s-2, without wander: fitted by offset and rolling drag, about the mean bias
     tensor: np.ndarray  # (s, b, 3, 3) s-2, of the offset
     turn: np.ndarray  # (s, b) complex, cosine and sine of the roll angle
     rate_b: np.ndarray  # (s, b, 3) rad s-1
@@ -63,13 +63,13 @@ class RollView:
         used = biased["used"].values.astype(bool)
         values, time = biased["segment_bias"].values[used], biased["time_segment"].values[used]
         line = np.stack([np.ones_like(time), time - time.mean()], axis=1)
-        rest = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
-        variance = np.sum(rest**2, axis=0) / max(time.size - 2, 1) * (1 + ALIKE) / (1 - ALIKE)
+        residual = values - line @ np.linalg.lstsq(line, values, rcond=None)[0]
+        variance = np.sum(residual**2, axis=0) / max(time.size - 2, 1) * (1 + ALIKE) / (1 - ALIKE)
         return np.sqrt(np.maximum(variance, np.mean(biased["segment_sigma"].values[used] ** 2, axis=0)))
 
     @functools.cached_property
     def noise(self) -> tuple[list[NoiseModel], Levels]:
-        """Noise of each axis, measured beside the amplitudes of a segment and every form that is tried.
+        """Noise model of each axis, estimated with the amplitudes of a segment and every form that is tried free.
 
         With it comes its amplitude in the bins (s b, 3), one unless it changes along the record.
         """
@@ -79,18 +79,18 @@ class RollView:
         forms = [np.atleast_3d(values) for _, _, values in self.series()]
         shared, turning = np.concatenate([slow, *forms, squares], axis=2), 1 + self.settings["trend_degree"]
         local = [[design[a][:, 0 if a == 1 else turning :] for design in self.designs] for a in range(3)]
-        left = self.reading - np.matvec(self.tensor, self.start[3:])
-        models, rests = noise.of_segments(left, local, shared, count, self.step_s)
-        return models, changing_levels(rests, len(count) * self.designs[0][0].shape[1] + shared.shape[2])
+        residual = self.reading - np.matvec(self.tensor, self.start[3:])
+        models, white = noise.of_segments(residual, local, shared, count, self.step_s)
+        return models, changing_levels(white, len(count) * self.designs[0][0].shape[1] + shared.shape[2])
 
     def rows(self, added: np.ndarray, first: int = 0) -> list[np.ndarray]:
-        """Whitened rows (3 b + 3, q) of segments from one on, of what is added to linear readings (s, b, 3, q) m s-2.
+        """Whitened rows (3 b + 3, q) of each segment from `first` on, of additions (s, b, 3, q) m s-2 to its readings.
 
         The last three, which hold the constants, are zero.
         """
         (models, level), whole = self.noise, np.ones(added.shape[1], dtype=bool)
         level = level.value.reshape(*self.time.shape, 3).swapaxes(1, 2).reshape(len(self.time), -1, 1)[first:]
-        white = [whitened(models, one, whole) / louder for one, louder in zip(added, level, strict=False)]
+        white = [whitened(models, one, whole) / amplitude for one, amplitude in zip(added, level, strict=False)]
         return [np.concatenate([one, np.zeros((3, added.shape[3]))]) for one in white]
 
     def blocks(self, parameters: Sequence[str], width: int, *, alone: bool) -> list[Block]:
@@ -99,28 +99,28 @@ class RollView:
         Alone, without a swing that gives the offset, a last block holds its prior, of UNKNOWN_M.
         """
         (count, size), places = self.time.shape, [parameters.index(name) for name in self.parameters]
-        left = self.reading - np.matvec(self.tensor, self.start[3:]) + self.start[:3]
+        residual = self.reading - np.matvec(self.tensor, self.start[3:]) + self.start[:3]
         shared = [np.broadcast_to(-np.eye(3), (count, size, 3, 3)), self.tensor]
         if self.beta is not None:  # k, and with it the reading, is proportional to them
             factors = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]) / np.append(self.beta, self.k[1])
             shared.append(-self.steady[..., None] * factors)
             places += [parameters.index(name) for name in ("beta_x", "beta_yz", "k_y")]
         shared = np.concatenate(shared, axis=3)
-        each = self.rows(np.concatenate([left[..., None], shared], axis=3))
+        each = self.rows(np.concatenate([residual[..., None], shared], axis=3))
         channel = np.array([CHANNEL] * 3 * size + [CONSTANT] * 3)
         axis = np.append(np.repeat([0, 1, 2], size), [0, 1, 2])
         blocks = []
         for s, (time, rows) in enumerate(zip(self.time, each, strict=True)):
             columns = np.zeros((len(rows), width))
             columns[:, places] = rows[:, 1:]
-            own = np.zeros((size, 3, sum(design.shape[1] for design in self.designs[s])))
-            held, place = np.zeros((3, own.shape[2])), 0  # rows of the constants
+            local_columns = np.zeros((size, 3, sum(design.shape[1] for design in self.designs[s])))
+            prior_rows, place = np.zeros((3, local_columns.shape[2])), 0  # rows of the constants
             for a, design in enumerate(self.designs[s]):
-                own[:, a, place : place + design.shape[1]] = design
-                held[a, place] = 1 / self.wander[a]
+                local_columns[:, a, place : place + design.shape[1]] = design
+                prior_rows[a, place] = 1 / self.wander[a]
                 place += design.shape[1]
-            (local,) = self.rows(own[None], s)
-            local[-3:] = held
+            (local,) = self.rows(local_columns[None], s)
+            local[-3:] = prior_rows
             epochs = np.append(np.tile(time, 3), np.full(3, time[0]))
             steps = self.steps(s, np.arange(time[0] + EDGE_S, time[-1] - EDGE_S, STEP_EVERY_S) - self.step_s / 2)
             error = self.noise[1].error.reshape(*self.time.shape, 3)[s].mean(axis=0)
@@ -133,7 +133,7 @@ class RollView:
         return blocks
 
     def steps(self, index: int, epochs: np.ndarray) -> dict[float, np.ndarray]:
-        """Whitened rows (3 b + 3, 3) of a step of the linear readings of a segment at each of some epochs s."""
+        """Whitened rows {epoch: (3 b + 3, 3)} of unit steps in each reading of a segment, at each of some epochs s."""
         time = self.time[index]
         shapes = np.clip((time[:, None] + self.step_s / 2 - epochs) / self.step_s, 0, 1)
         (rows,) = self.rows(np.einsum("bk,ac->bakc", shapes, np.eye(3)).reshape(1, time.size, 3, -1), index)
@@ -145,12 +145,12 @@ class RollView:
         return int(inside[0]) if inside.size else None
 
     def wave(self, axis: int, frequency: float) -> list[np.ndarray]:
-        """Whitened cosine and sine (3 b + 3, 2) of every segment, on one axis of the linear readings."""
+        """Whitened cosine and sine (3 b + 3, 2) of every segment, a line Hz on one axis of the linear readings."""
         both = waves_of(self.time.ravel() - self.time[0, 0], self.step_s, frequency).reshape(*self.time.shape, 2)
         return self.rows(both[:, :, None, :] * np.eye(3)[axis][:, None])
 
     def context(self) -> Context:
-        """What effects of the sensor look at, all segments one after the other, from the readings as fitted.
+        """Context of the effects of the sensor, all segments one after the other, from the readings as fitted.
 
         A regressor that holds the wander of the bias would explain it. Drifts count from the middle, so that the bias
         stays that of the middle whether they are taken out or not.
@@ -170,7 +170,7 @@ class RollView:
         )
 
     def series(self) -> list[tuple[str, str, np.ndarray]]:
-        """Driver, form and values (s, b), of waves (s, b, 2), near one in size, of what the readings may follow."""
+        """Regressors of the readings: driver, form, and values (s, b), of waves (s, b, 2), near one in size."""
         names = "the roll angle", "twice the roll angle", "three times the roll angle"
         turned = [np.stack([(self.turn**n).real, (self.turn**n).imag], axis=2) for n in (1, 2, 3)]
         rows = [("attitude", f"wave of {name}", wave) for name, wave in zip(names, turned, strict=True)]
@@ -184,7 +184,7 @@ class RollView:
         return [*rows, ("rate", "component y", rate), ("rate", "square of y", rate**2)]
 
     def reading_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Time s, linear reading (n, 3) m s-2 of the baseline, whitened rows (3 n, q), axis by axis, in its unit."""
+        """Time (n,) s, linear reading (n, 3) m s-2 of the baseline, whitened rows (3 n, q) in its unit (q, n, 3)."""
         (models, level), whole = self.noise, np.ones(self.time.shape[1], dtype=bool)
         each = rows.reshape(3, *self.time.shape, -1) * level.value.T.reshape(3, *self.time.shape, 1)
         columns = [[unwhiten(models[a], one, whole) for one in each[a]] for a in range(3)]
@@ -212,7 +212,7 @@ def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> RollView |
 
 
 def view_of_segments(products: Mapping[str, xr.Dataset], settings: Mapping, used: Sequence[int]) -> RollView:
-    """View of some segments; arguments as of `view_of`."""
+    """View of the segments numbered `used`; other arguments as of `view_of`."""
     segmented = products["segment"]
     sensor = segments.sensor_of(tuple(products[n] for n in ("scale", "offset") if n in products), settings["assumed"])
     step, parts = segments.cut(segmented["time"].values, settings["segment_s"])

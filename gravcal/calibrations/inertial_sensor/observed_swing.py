@@ -26,14 +26,14 @@ from gravcal.physics import frames, kinematics, sensing
 
 STEP, TONE = "accelerometer.bias_step", "accelerometer.stray_tone"
 STILL = 3.0  # an axis moves if its angular acceleration is above this many times the noise of a bin
-FEEBLE = 5.0  # times less than the largest, below which the motion about an axis has no period of its own
-FINE = 16384  # frequencies that it is looked for at, twice
-LINE_ORDER = 3  # of the noise that a slow line is set against
+FEEBLE = 5.0  # ratio to the largest, below which the motion about an axis has no period of its own
+FINE = 16384  # points of the Fourier transform in which it is looked for
+LINE_ORDER = 3  # of the autoregressive noise against which a slow line is tested
 
 
 @dataclass(frozen=True)
 class SwingView:
-    """A swing with its fits."""
+    """A swing with its fits, for whitened rows of attitude and linear readings."""
 
     aligned: xr.Dataset  # "inertial_sensor.align"
     swing: fits.Swing
@@ -47,7 +47,7 @@ class SwingView:
     volt: np.ndarray  # (w, 3) V
     trend: np.ndarray  # (w, t) of each of the three
     inside: slice  # bins of the swing
-    good: np.ndarray  # (w,) those that there are
+    good: np.ndarray  # (w,) bool, bins with data
     start: np.ndarray  # (7,) rad s-2 V-1, s, m, m s-2 V-1: the solution, k_y of the ground
     k_y_sigma: float  # m s-2 V-1, of the ground
     quiet: float  # samples an axis that the noise of the attitude was measured from
@@ -57,13 +57,13 @@ class SwingView:
     parameters = ("beta_x", "beta_yz", "delay", "offset_x", "offset_y", "offset_z", "k_y")
 
     def attitude_rows(self, angle_b: np.ndarray) -> np.ndarray:
-        """Whitened rows (r, q) of a rotation from predicted to measured attitude, (m, 3, q) rad at its tags."""
+        """Whitened rows (r, q) of a rotation from predicted to measured attitude, (m, 3, q) rad at the tracker tags."""
         mean, _ = bin_means(self.swing.time_att, angle_b, self.swing.edges)
         rows = mean.reshape(self.system.valid.size, -1)[self.system.valid]
         return solve_triangular(self.system.lower, np.nan_to_num(rows), lower=True)
 
     def turned_rows(self, rate_dot_b: np.ndarray) -> np.ndarray:
-        """Whitened rows (r, q) of the attitude after angular accelerations (n, 3, q) rad s-2 of the prediction."""
+        """Whitened rows (r, q) of the attitude, for angular accelerations (n, 3, q) rad s-2 added to the prediction."""
         swing = self.swing
         rate = kinematics.running_integral(swing.time, rate_dot_b)
         R_bi = frames.R_bi_from_quaternion(self.motion.quaternion)
@@ -72,10 +72,7 @@ class SwingView:
         return self.attitude_rows(fits.interpolated(swing.time, angle, epoch))
 
     def linear_rows(self, reading: np.ndarray) -> np.ndarray:
-        """Whitened rows (3 w, q), axis by axis, of what is added to the linear readings of the swing, or to all.
-
-        That is (b, 3, q) or (w, 3, q) m s-2.
-        """
+        """Whitened rows (3 w, q), axis by axis, of linear readings m s-2: of the swing (b, 3, q) or all (w, 3, q)."""
         if len(reading) < self.time.size:
             reading = self.spread(reading)
         return noise.whitened(self.record.noise, reading / self.k[:, None], self.good)
@@ -87,38 +84,38 @@ class SwingView:
         return whole
 
     def blocks(self, parameters: Sequence[str]) -> list[Block]:
-        """A block for each channel; global columns: all parameters, start values, drifts."""
+        """A block for each channel; global columns: parameters, start values of the attitude, drifts of readings."""
         record, system, tensor = self.record, self.system, np.nan_to_num(self.tensor)
         attitude = np.column_stack([system.residual, system.design])
         drift, moved = on_axes(self.trend), np.matvec(tensor, self.start[3:6])
-        left = self.k * np.nan_to_num(self.volt) - self.spread(moved)
-        # a_x tells p_z, then a_y the factor of a_y; those of a_z and a_x, and the turning, follow beta
+        residual = self.k * np.nan_to_num(self.volt) - self.spread(moved)
+        # a_x determines p_z, then a_y the factor of a_y; those of a_z and a_x, and the turning, follow beta
         factors = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]) / np.append(self.start[:2], self.k[1])
         term = -moved[:, :, None] * factors
         turning = np.nan_to_num(record.rate_dot_b)[:, :, None] * np.eye(2)[fits.OWNER] / self.start[:2]
         term[:, :, :2] += np.cross(turning, self.start[3:6, None], axisa=1, axisb=0, axisc=1)
         swung = self.spread(np.concatenate([term[:, :, :2], tensor, term[:, :, 2:]], axis=2))
-        linear = np.concatenate([left[:, :, None], swung, drift], axis=2)
-        both = {
+        linear = np.concatenate([residual[:, :, None], swung, drift], axis=2)
+        rows_of = {
             "attitude": solve_triangular(system.lower, attitude, lower=True),
             "linear": self.linear_rows(np.where(self.good[:, None, None], linear, 0.0)),
         }
-        own = [parameters.index(name) for name in self.parameters]
+        reported = [parameters.index(name) for name in self.parameters]
         drifts = len(parameters) + attitude.shape[1] - 4  # after the start values of the attitude
         width = drifts + drift.shape[2]
-        places = {"attitude": [*own[:3], *range(len(parameters), drifts)]}
-        places["linear"] = [*own[:2], *own[3:], *range(drifts, width)]
+        places = {"attitude": [*reported[:3], *range(len(parameters), drifts)]}
+        places["linear"] = [*reported[:2], *reported[3:], *range(drifts, width)]
         middle, axes, blocks = self.swing.middle, np.arange(3), []
         by_time = (one[system.valid] for one in (np.tile(axes, middle.size), np.repeat(middle, 3)))
         axis_and_time = {"attitude": by_time, "linear": (np.repeat(axes, self.time.size), np.tile(self.time, 3))}
-        for channel, rows in both.items():
+        for channel, rows in rows_of.items():
             columns = np.zeros((len(rows), width))
             columns[:, places[channel]] = rows[:, 1:]
             blocks.append(Block.of(channel, rows[:, 0], channel, *axis_and_time[channel], shared=columns))
         return blocks
 
     def cut(self, **rows: np.ndarray) -> list[np.ndarray]:
-        """Columns of both blocks from the rows (n, q) of channels, zero in one that has none: both are one record."""
+        """Columns (n, q) of both blocks from whitened rows by channel; zeros without any, for both are one record."""
         width = next(iter(rows.values())).shape[1]
         size = {"attitude": np.count_nonzero(self.system.valid), "linear": 3 * self.time.size}
         return [rows.get(channel, np.zeros((size[channel], width))) for channel in self.channels]
@@ -139,7 +136,7 @@ class SwingView:
         return straight + np.where((power > (STILL * noise_b) ** 2)[number], abrupt, 0.0)
 
     def context(self, time: np.ndarray | None = None, place: np.ndarray | None = None) -> Context:
-        """What effects of the sensor look at, from the fitted motion, at the epochs of the sensor or at others.
+        """Context of the effects of the sensor, from the fitted motion, at its epochs or others (m,) s; offset (3,) m.
 
         A regressor made of the readings themselves would hold their noise, and explain it: the linear reading is that
         of the model, drift and offset. Beside the record it is as at its ends. A force has no bias: the linear reading
@@ -147,10 +144,10 @@ class SwingView:
         """
         record, swing, place = self.record, self.swing, self.start[3:6] if place is None else place
         good = self.good[self.inside]
-        slow = (self.k * record.linear_volt - np.matvec(np.nan_to_num(self.tensor), place))[good]
-        size = np.linalg.lstsq(record.trend[good], slow, rcond=None)[0]
+        drift = (self.k * record.linear_volt - np.matvec(np.nan_to_num(self.tensor), place))[good]
+        coefficient = np.linalg.lstsq(record.trend[good], drift, rcond=None)[0]
         gradient = fits.interpolated(record.time, np.nan_to_num(record.gradient_b), swing.time)
-        trend = fits.interpolated(record.time, record.trend @ size, swing.time)
+        trend = fits.interpolated(record.time, record.trend @ coefficient, swing.time)
         known = {"rate_b": self.motion.rate_b, "rate_dot_b": self.rate_dot_b, "gradient_b": gradient}
         known["linear_b"] = trend + np.matvec(sensing.offset_tensor(*known.values()), place)
         known["angular_b"] = self.rate_dot_b
@@ -166,18 +163,18 @@ class SwingView:
         return Context(swing.time if time is None else time, epoch=record.time[0], extra=extra, **known)
 
     def binned(self, values: np.ndarray) -> np.ndarray:
-        """Means (b, ...) over the bins of values (n, ...) at the epochs of the sensor."""
+        """Means (b, ...) over the bins of values (n, ...) at the epochs of the sensor, zero where empty."""
         return np.nan_to_num(bin_means(self.swing.time, values, self.swing.edges)[0])
 
     def periods(self) -> list[float]:
-        """Period s of the motion about each axis that moves."""
+        """Period s of the motion about each axis that moves, where its angular acceleration has most power."""
         time, rate_dot = self.record.time, np.nan_to_num(self.record.rate_dot_b)
         moving = rate_dot[:, rate_dot.std(axis=0) > rate_dot.std(axis=0).max() / FEEBLE]
         power = np.abs(np.fft.rfft((moving - moving.mean(axis=0)) * np.hanning(time.size)[:, None], FINE, axis=0)) ** 2
         return (1 / np.fft.rfftfreq(FINE, time[1] - time[0])[power.argmax(axis=0)]).tolist()
 
     def wave(self, axis: int, frequency: float) -> list[np.ndarray | None]:
-        """Whitened cosine and sine (n, 2) of every block, on one axis of the linear readings."""
+        """Whitened cosine and sine (n, 2) of every block, of a frequency Hz on one axis of the linear readings."""
         both = waves_of(self.time - self.time[0], self.record.time[1] - self.record.time[0], frequency)
         return self.cut(linear=self.linear_rows(both[:, None, :] * np.eye(3)[axis][:, None]))
 
@@ -195,6 +192,7 @@ class SwingView:
         return self.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)
 
     def _attitude_reading(self, rows):
+        """Time (b,) s, rotation (b, 3) rad beside that at a mean rate, and whitened rows (r, q) in rad, (q, b, 3)."""
         record, valid = self.record, self.system.valid
         columns = np.full((rows.shape[1], valid.size), np.nan)
         columns[:, valid] = (self.system.lower @ rows).T

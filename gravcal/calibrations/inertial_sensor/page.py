@@ -16,18 +16,16 @@ from gravcal.report.plain import AXES, NOT_DETERMINED, estimate, number, numbers
 
 WORDS = pages.words(__file__, "page.toml")
 CAUSES = WORDS.notes["causes"]
-#: The two solutions of the offset, in the order of the product.
-OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")
+OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")  # solutions in the order of the product
 CLAIMED = {"k": 0.01, "offset in y and z": 0.03, "bias": 1e-3}  # relative, abstract of the paper
 PRINTED = {"mass": 0.072, "x": 1.9440e-5, "y": 1.0328e-5, "arm_y": 10.45e-3}  # kg, kg m2, m; Sec. 2.2 and Table 1
 SHOWN = 1 / 3  # largest relative error of a k_y that a swing shows: beyond, its inverse is far from normal
 
 
 def report(*products, event, names, settings, published):
-    """Report product of one event and its files {name: text}.
+    """Report product of one event and its files {name: text}, from products by their names.
 
-    Products, by their names, are "detect" and, as far as there was a swing or a roll, "align", "scale", "offset",
-    "bias", "checks"; published are plain records of the catalogue by section.
+    These are "detect" and, as there are, "align", "scale", "offset", "bias", "checks"; published records by section.
     """
     named = dict(zip(names, products, strict=True))
     tests = [*of_product(named["checks"]), *checks.result(named, settings)] if "checks" in named else []
@@ -73,7 +71,7 @@ def _result(products, settings):
 
 
 def _swing(scaled, moved):
-    """Scale factors, offset and delay; k_y where the swing itself shows it."""
+    """Scale factors, offset and delay as JSON, from scale and offset products; k_y where the swing itself shows it."""
     own = estimate(moved.k_y, moved.k_y_sigma) | {"sigma_total": number(moved.k_y_sigma_total)}
     own = own if 0 < float(moved.k_y_sigma_total) < float(moved.k_y) * SHOWN else None
     arms = []
@@ -113,7 +111,7 @@ def _swing(scaled, moved):
 
 
 def _roll(biased):
-    """Bias and its parts; null where not separable."""
+    """Bias and the parts of its error as JSON, from the bias product; null where not separable."""
     separable = biased.separable.values.astype(bool)
     own = {
         name: numbers(np.where(separable, biased[name].values, np.nan))
@@ -141,7 +139,7 @@ def _roll(biased):
 
 
 def z_noise(frequency, density):
-    """Noise of z, root of the mean power between 10 and 50 mHz, with old and new factor; what of it is the factor."""
+    """Rms density of z at 10 to 50 mHz with old and new factor, and cleared, as JSON; frequency Hz, density (3, f)."""
     band, slow = (frequency >= 0.01) & (frequency <= 0.05), (frequency >= 1e-3) & (frequency < 3e-3)
     before, after, cleared = np.sqrt(np.mean(density[:, band] ** 2, axis=1))
     before_slow, _, cleared_slow = np.sqrt(np.mean(density[:, slow] ** 2, axis=1))
@@ -169,7 +167,7 @@ def verdict(document) -> str:
 
 
 def _sections(document, published):
-    """Sections of the page."""
+    """Sections of the page of a document, with the printed records of the catalogue, {section: [record]}."""
     sections, reasons = [Section("Motion", figures=[_motion])], document["not_determined"]
     if "swing" in document:
         notes = [WORDS.note("late", **document["swing"])]
@@ -208,7 +206,7 @@ def _factors(document, published):
 
 
 def _measured(own):
-    """Value with its errors."""
+    """Text of a value with its sigma and total sigma, from a block of the document or None."""
     if not own or own["value"] is None:
         return "not determined"
     total = f" ({own['sigma_total']:.1e})" if own.get("sigma_total") is not None else ""
@@ -239,7 +237,7 @@ def _offsets(document, published):
 
 
 def _by_axis(published, section):
-    """Printed value and error by axis."""
+    """Printed value and error of each axis, {axis: (value, sigma)}."""
     return {one["labels"]["component"]: (one["value"][0], one["sigma"][0]) for one in published.get(section, ())}
 
 
@@ -301,22 +299,23 @@ def _offset_convergence(panels, moved):
     _converging(panels, moved, moved.offset.values[0], 1e6)
 
 
-def _converging(panels, filtered, ends, factor):
-    """Three estimates over time beside the values they end at; the scales are those of the later part."""
+def _converging(panels, filtered, batch, factor):
+    """Filter estimates of three constants over time, factor times, with the batch values (3,) at which they end."""
     time = _since(filtered)
     late = time > 0.2 * time[-1]
     values, sigmas = factor * filtered.filter_value.values.T, factor * filtered.filter_sigma.values.T
     band = {"color": COLOURS["sky"], "alpha": 0.4, "linewidth": 0, "label": "± σ"}
-    for panel, value, sigma, end in zip(panels, values, sigmas, factor * ends, strict=True):
+    for panel, value, sigma, batch_value in zip(panels, values, sigmas, factor * batch, strict=True):
         panel.fill_between(time, value - sigma, value + sigma, **band)
         panel.plot(time, value, color=COLOURS["blue"], label="filter")
-        panel.axhline(end, color=COLOURS["black"], linewidth=0.7, linestyle="--", label="batch")
-        reach = 1.3 * np.max(np.abs(value[late] - end) + sigma[late])
-        panel.set_ylim(end - reach, end + reach)
+        panel.axhline(batch_value, color=COLOURS["black"], linewidth=0.7, linestyle="--", label="batch")
+        reach = 1.3 * np.max(np.abs(value[late] - batch_value) + sigma[late])
+        panel.set_ylim(batch_value - reach, batch_value + reach)
 
 
 @WORDS.figure("align")
 def _filtering(panels, aligned):
+    """Amplitude densities of one linear and two angular readouts before and after the published CRN filter."""
     step, before, after = filtered_readouts(aligned)
     for values, colour, label in ((before, "grey", "before"), (after, "vermilion", "after CRN")):
         frequency, amplitude = density([values - values.mean(axis=0)], step)
@@ -334,6 +333,7 @@ def _offset_readings(panels, moved):
 
 @WORDS.figure("bias")
 def _segments(panels, biased):
+    """Bias of each segment minus the mean, for three axes, and the scatter of the roll rate."""
     time = (biased.time_segment.values - biased.time_segment.values[0]) / 86400
     used, separable = (biased[name].values.astype(bool) for name in ("used", "separable"))
     values = 1e9 * (biased.segment_bias.values - biased.bias.values).T

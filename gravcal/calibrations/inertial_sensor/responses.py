@@ -1,4 +1,4 @@
-"""What effects of the catalogue, and drivers in no list, do to a swing and to a roll; the records without them."""
+"""Responses of a swing and a roll to effects of the catalogue and drivers in no list; the records without them."""
 
 import itertools
 from collections.abc import Sequence
@@ -30,12 +30,12 @@ STEP_S, QUIET_STEP_S = 2.0, 6.0  # between epochs at which a step is looked for,
 MARGIN_S = 10.0  # from the ends of the record, where none is
 MEMORIES_S = 4.0 * 1.6 ** np.arange(6)  # of the size of a rate that may warm something; nearer ones are hardly apart
 REST = 1e-3  # s, memory of what ends with the motion
-FIXED_POINT = 6  # times that offset and effects follow from each other
-INVERTED = 30  # times that voltages follow from what was added to them
+FIXED_POINT = 6  # iterations of offset and effects from each other
+INVERTED = 30  # iterations of voltages from what was added to them
 
 
 def of_swing(view: SwingView) -> list[Candidate]:
-    """Effects, steps, then functions of the motion and of time, added to the linear or to the angular readings."""
+    """Candidates: effects, steps, then functions of motion and time, added to the linear or to the angular readings."""
     about, candidates = view.context(), []
     for entry in EFFECTS:
         candidates += listed(entry, view.cut(**_of_effect(view, entry, about))).each_alone()
@@ -53,7 +53,7 @@ def of_swing(view: SwingView) -> list[Candidate]:
 
 
 def _of_effect(view, entry, about):
-    """Whitened rows by channel of an effect."""
+    """Whitened rows {channel: (n, q)} of an effect, from the context of the swing."""
     match entry.channel:
         case "linear_b":
             return {"linear": view.linear_rows(view.binned(entry.columns(about)))}
@@ -74,30 +74,30 @@ def _of_effect(view, entry, about):
 
 
 def _of_angular(view, added):
-    """Whitened rows of what angular readings hold (n, 3, q) rad s-2; the offset makes a linear reading of it."""
-    moved = np.moveaxis(np.cross(np.moveaxis(added, 2, 1), view.start[3:6]), 1, 2)
-    return {"attitude": -view.turned_rows(added), "linear": -view.linear_rows(view.binned(moved))}
+    """Whitened rows {channel: (n, q)} of additions (n, 3, q) rad s-2 to angular readings, linear ones by the offset."""
+    linear = np.moveaxis(np.cross(np.moveaxis(added, 2, 1), view.start[3:6]), 1, 2)
+    return {"attitude": -view.turned_rows(added), "linear": -view.linear_rows(view.binned(linear))}
 
 
 def steps(view: SwingView, epochs: np.ndarray) -> list[Candidate]:
-    """A step of the linear readings at each of some epochs s."""
+    """Candidates of a step of the linear readings at each of some epochs (k,) s."""
     time, width = view.time, view.record.time[1] - view.record.time[0]
     after = np.clip((time + width / 2 - epochs[:, None]) / width, 0, 1)[:, :, None, None] * np.eye(3)
     return [step(t, view.cut(linear=view.linear_rows(one))) for t, one in zip(epochs, after, strict=True)]
 
 
 def step(epoch: float, columns: list[np.ndarray | None]) -> Candidate:
-    """Candidate of a step of the linear readings at an epoch s."""
+    """Candidate of a step of the linear readings at an epoch s, from the whitened columns (n, 3) of each block."""
     return Candidate(at_epoch(STEP, epoch), f"time {epoch:.1f} s", ["x", "y", "z"], ["m s-2"] * 3, columns)
 
 
 def _at(time, own, values, tau):
-    """Values (n,) of a series at times s; beyond its own times the motion rests and what remembers it decays."""
+    """Values (n,) at `own` times (n,) s, interpolated to others; zero before, decaying with memory tau s behind."""
     return np.interp(time, own, values, left=0.0) * np.exp(-np.clip(time - own[-1], 0, None) / tau)
 
 
 def _series(view, about) -> list[tuple[str, str, np.ndarray, float]]:
-    """Driver, form and values (n,) 1 on the epochs of a context, each of a size near one, and their memory s."""
+    """Regressors at the epochs of a context: driver, form, values (n,) 1 of size near one, and their memory s."""
     rate = about.rate_b - about.rate_b.mean(axis=0)
     angle = np.cumsum(np.nan_to_num(rate) * np.diff(about.time, prepend=about.time[0])[:, None], axis=0)
     rows = []
@@ -164,21 +164,21 @@ def _place_without(view, model):
 
     With a coupling of a quarter the offset of the readings as they are makes an eighth of it wrong.
     """
-    place = view.start[3:6]
+    offset = view.start[3:6]
     columns = np.concatenate([np.nan_to_num(view.tensor), on_axes(view.record.trend)], axis=2)
     along_xz = np.repeat([True, False, True], view.time.size)  # the factor of a_y is not known
     for _ in range(FIXED_POINT):
-        about = view.context(place=place)
+        about = view.context(place=offset)
         added = np.zeros_like(about.linear_b) + sum(_added(view, entry, "linear", about) for entry in model)
-        left = view.k * np.nan_to_num(view.record.linear_volt) - view.binned(added)
-        both = np.where(view.good[view.inside, None, None], np.concatenate([left[:, :, None], columns], axis=2), 0.0)
+        rest = view.k * np.nan_to_num(view.record.linear_volt) - view.binned(added)
+        both = np.where(view.good[view.inside, None, None], np.concatenate([rest[:, :, None], columns], axis=2), 0.0)
         rows = view.linear_rows(both)[along_xz]
-        place = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0][:3]
-    return place
+        offset = np.linalg.lstsq(rows[:, 1:], rows[:, 0], rcond=None)[0][:3]
+    return offset
 
 
 def _added(view, entry, channel, about):
-    """What an entry adds to linear or angular readings, (n, 3) m s-2 or rad s-2."""
+    """Addition (n, 3) m s-2 or rad s-2 of an entry to the linear or angular readings, at the epochs of a context."""
     if entry.listed:
         known = effect(entry.cause)
         if known.channel != f"{channel}_b" or known.slug in (TONE, LOOP):
@@ -190,7 +190,7 @@ def _added(view, entry, channel, about):
 
 
 def of_roll(view: RollView) -> list[Candidate]:
-    """Effects on the linear readings, then what these may follow."""
+    """Candidates of a roll: effects on the linear readings, then regressors that these may follow."""
     about, candidates = view.context(), []
     for entry in EFFECTS:
         if entry.channel in ("linear_b", "electrode_v"):
@@ -206,17 +206,17 @@ def of_roll(view: RollView) -> list[Candidate]:
 
 
 def _read(view, entry, added):
-    """Linear readings m s-2 of what an effect adds to them, or to the electrodes (n, 6, ...) V."""
+    """Linear readings (n, 3, ...) m s-2 of what an effect adds to them, or to the electrodes (n, 6, ...) V."""
     if entry.channel == "linear_b":
         return added
     return np.einsum("a,av,nv...->na...", view.k, electrodes.READOUT[:3], added)
 
 
 def turned(view: RollView) -> np.ndarray:
-    """What readings hold beyond a model whose attitude is turned about each axis, (s, b, 3, 3) m s-2 rad-1."""
+    """Derivative (s, b, 3, 3) m s-2 rad-1 of the readings of a model by a turn of its attitude about each axis."""
     place, term = view.start[3:], np.matvec(view.tensor, view.start[3:])
-    turned = [np.cross(axis, term) - np.matvec(view.tensor, np.cross(axis, place)) for axis in np.eye(3)]
-    return np.stack(turned, axis=3)
+    columns = [np.cross(axis, term) - np.matvec(view.tensor, np.cross(axis, place)) for axis in np.eye(3)]
+    return np.stack(columns, axis=3)
 
 
 def roll_without(view: RollView, model: Sequence[Entry]) -> xr.Dataset:
@@ -225,10 +225,10 @@ def roll_without(view: RollView, model: Sequence[Entry]) -> xr.Dataset:
     extended = segmented.copy(deep=True).assign_attrs(model=" ".join(one.cause for one in model if one.values))
     _, parts = cut(segmented["time"].values, view.settings["segment_s"])
     names = ("linear_volt", "R_bo", "rate_b", "gradient_b")
-    whole = [k for k, part in enumerate(parts) if all(np.isfinite(segmented[n].values[part]).all() for n in names)]
-    view = view_of_segments(view.products, view.settings, whole)
+    complete = [k for k, part in enumerate(parts) if all(np.isfinite(segmented[n].values[part]).all() for n in names)]
+    view = view_of_segments(view.products, view.settings, complete)
     about, added = view.context(), np.zeros((view.time.size, 3))
-    volts = np.concatenate([segmented["linear_volt"].values[parts[k]] for k in whole])
+    volts = np.concatenate([segmented["linear_volt"].values[parts[k]] for k in complete])
     recorded = electrodes.volts(np.concatenate([volts, np.zeros_like(volts)], axis=1))  # hardly any torque
     rows = [(driver, form, np.concatenate(values)) for driver, form, values in view.series()]
     for entry in model:
@@ -247,6 +247,6 @@ def roll_without(view: RollView, model: Sequence[Entry]) -> xr.Dataset:
             added += _read(view, known, distortion(entry, about, recorded))
         elif known.channel == "linear_b" and known.slug != TONE and not before:
             added += known.contribution(about, known.values(entry.values))
-    for k, volts in zip(whole, added.reshape(*view.time.shape, 3) / view.k, strict=True):
+    for k, volts in zip(complete, added.reshape(*view.time.shape, 3) / view.k, strict=True):
         extended["linear_volt"].values[parts[k]] -= volts
     return extended
