@@ -1,8 +1,8 @@
 """Attitude over time from star camera and angular accelerations together: angles, rates and their covariance.
 
-Three small angles from the orbit frame are splines of degree five in time. Torque changes slowly, and the record says
-how slowly. Least squares over the record has banded normal equations, and what is needed of the inverse lies inside
-the band.
+Three small angles from the orbit frame are splines of degree five in time. Torque changes slowly; how slowly is
+estimated from the record. Least squares over the record has banded normal equations, and the elements needed of their
+inverse lie inside the band.
 """
 
 from dataclasses import dataclass
@@ -29,7 +29,7 @@ CORNERS = np.log([0.3, 0.1])  # of torque, over the rate of the knots: where the
 LIMITS = np.log([0.05, 10.0])  # below normal equations lose their digits, above splines are free
 TOLERANCE = {"xatol": 0.03, "fatol": 0.5}  # of the logarithms of corners and of their evidence
 RARE = 45.0  # squared sum of angular readings beyond the fit over its median: 4.5 sigma, once in two days by chance
-LOST = 100  # knots without an attitude, which leave the normal equations no digits beside the prior
+LOST = 100  # knot intervals in a row without attitude: the prior is set free there, or equations lose all digits
 JERK = np.diff(np.eye(ACTIVE), 3, axis=0)  # coefficients of the third derivative, a quadratic spline
 GRAM = np.array([[6, 13, 1], [13, 54, 13], [1, 13, 6]]) / 120  # its square over a knot interval, integrated
 BEND = np.outer([1, -2, 1], [1, -2, 1])  # that of the fifth derivative, which is constant
@@ -114,14 +114,14 @@ def basis(time, knot_step):
 
 
 def _by_interval(table, rows):
-    """Rows (n, ...) of the epochs put by knot interval, (pieces, most epochs in one, ...), zero where there is none."""
+    """Rows (n, ...) of the epochs sorted by knot interval, (intervals, most epochs in one, ...), padded with zeros."""
     placed = np.zeros((table.count - DEGREE, table.order.max() + 1, *rows.shape[1:]))
     placed[table.start, table.order] = rows
     return placed
 
 
 def _design(operator, table):
-    """Derivative (pieces, epochs, 3, 18) of observed vectors by the active splines of their knot interval."""
+    """Design matrix (intervals, epochs, 3, 18) of observed vectors by the active splines of their knot interval."""
     return _by_interval(table, np.einsum("ndri,dnj->nrji", operator, table.values).reshape(len(operator), 3, WIDTH))
 
 
@@ -154,7 +154,7 @@ def _banded(squares, shift):
 
 
 def torque_prior(corners, white, free, step):
-    """Lower bands of the prior of one angle: of its splines (6, count), of their third derivative (3, count - 3).
+    """Lower bands of the prior precision of one angle: of coefficients (6, count), third derivatives (3, count - 3).
 
     Corners (2,) are logarithms of frequencies over the rate of the knots, white rad2 s-3 the density of the angular
     noise, free (count - 5,) the knot intervals in which torque may change at will, step s the distance of the knots.
@@ -168,14 +168,14 @@ def torque_prior(corners, white, free, step):
 
 
 def _pull(inner, coefficients, step):
-    """Product (count,) of prior and coefficients, and that with the coefficients; exact since made of differences."""
+    """Prior precision P times coefficients c (count,), and c^T P c; by differences of c, which lose no digits."""
     jerk = np.diff(coefficients, 3) / step**3
     force = dsbmv(2, 1.0, inner, jerk, lower=1)
     return -np.diff(np.pad(force, 3), 3) / step**3, jerk @ force
 
 
 def unlikeliness(corners, data, right, start, *prior):
-    """Minus the logarithm of the evidence of the observations of one angle, but for what no corner changes.
+    """Minus the log evidence (marginal likelihood) of the observations of one angle, less what no corner changes.
 
     Data and right are the normal equations of the observations at the coefficients start, prior the arguments of
     torque_prior. 2 log p = log|M| - log|N + P| + g^T (N + P)^-1 g - c^T P c with g = A^T r - P c, and M the prior of
@@ -255,7 +255,7 @@ class Attitude:
     dof: float  #: observations less what of them the fit takes up
 
     def covariance_of(self, by_angle, by_rate, by_rate_dot):
-        """Covariance (n, 3, 3) of what changes so (n, 3, 3) with small rotation in b, rate and its derivative."""
+        """Covariance (n, 3, 3) of a vector, from its derivatives (n, 3, 3) by small rotation in b, rate and its change."""
         parts = zip((by_angle, by_rate, by_rate_dot), self.operators, strict=True)
         return propagate(sum(by[:, None] @ operator for by, operator in parts), self.table, self.covariance)
 
@@ -280,8 +280,8 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
     unit = np.where(usable[:, None], quaternion, [1.0, 0, 0, 0])
     measured = angles(unit / np.linalg.norm(unit, axis=1, keepdims=True), R_oi)
     coefficients, corners = np.zeros((table.count, 3)), np.tile(CORNERS, (3, 1))
-    lost = binary_opening(~_by_interval(table, usable).any(axis=1), np.ones(LOST))
-    white, free = angular_sigma**2 * np.median(np.diff(time)), np.repeat(lost[:, None], 3, axis=1)
+    long_gap = binary_opening(~_by_interval(table, usable).any(axis=1), np.ones(LOST))
+    white, free = angular_sigma**2 * np.median(np.diff(time)), np.repeat(long_gap[:, None], 3, axis=1)
     for iteration in range(ITERATIONS + 1):
         active = coefficients[table.start[:, None] + np.arange(ACTIVE)]
         angle, angle_dot, angle_ddot = np.einsum("dnk,nki->dni", table.values, active)
@@ -329,6 +329,6 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
 
 
 def _whitened(operator, residual, sigma):
-    """Observations over their standard deviations, zero where not usable."""
+    """Operator (n, 3, 3, 3) and residual (n, 3) over standard deviations (3,), zero where not usable."""
     weight = np.where(np.isfinite(residual), 1 / sigma, 0.0)
     return operator * weight[:, None, :, None], np.nan_to_num(residual) * weight

@@ -1,4 +1,4 @@
-"""What readings, attitude and orbit of a day must satisfy against each other, and what the drag must."""
+"""Checks of readings, attitude and orbit of a day against each other, and of the drag."""
 
 from collections.abc import Mapping
 
@@ -49,20 +49,20 @@ def inputs(modelled: xr.Dataset, observed: xr.Dataset, *, satellite: Mapping, **
     if modelled.sizes["sensor"] == 2:
         linear = modelled["linear_b"].values
         model = -offset_tensor(rate_b, rate_dot_b, modelled["gradient_b"].values) @ (places[0] - places[1])
-        apart, sigma = linear[:, 0] - linear[:, 1], np.array(satellite["linear_noise_density"]) / np.sqrt(step)
-        rest = apart - model
-        rms, jump = np.sqrt(np.nanmean(rest**2, axis=0)).max(), np.nanmax(np.abs(np.diff(rest, axis=0)))
+        difference, sigma = linear[:, 0] - linear[:, 1], np.array(satellite["linear_noise_density"]) / np.sqrt(step)
+        residual = difference - model
+        rms, jump = np.sqrt(np.nanmean(residual**2, axis=0)).max(), np.nanmax(np.abs(np.diff(residual, axis=0)))
         tests.append(at_most("linear readings apart, not modelled", rms, limits["apart_limit_m_s2"], "m s-2"))
         tests.append(at_most("jump of linear readings apart", jump, limits["apart_jump_limit_m_s2"], "m s-2"))
         determined = model.std(axis=0) > DIFFERENCE * sigma
         if determined.any():
-            factor = _from_one(model, apart)[determined].max()
+            factor = _from_one(model, difference)[determined].max()
             tests.append(at_most("linear readings apart over model, from one", factor, limits["share_limit"], "1"))
     return checks.product(tests)
 
 
 def _pointing(position, velocity, quaternion):
-    """Largest angle from the orbit frame (rad)."""
+    """Largest angle rad of attitudes (n, 4) from the orbit frame of positions m and velocities m s-1 (n, 3)."""
     known = (np.linalg.norm(np.cross(position, velocity), axis=1) > 0) & (np.linalg.norm(quaternion, axis=1) > 0.5)
     if not known.any():
         return np.nan
@@ -72,7 +72,7 @@ def _pointing(position, velocity, quaternion):
 
 
 def _from_one(model, reading):
-    """How far from one the factor between the changes of model and reading is, each axis (3,)."""
+    """Departure from one, (3,), of the factor that takes changes of a model (n, 3) to those of readings (n, 3)."""
     good = np.isfinite(reading).all(axis=1)
     model, reading = (one[good] - one[good].mean(axis=0) for one in (model, reading))
     return np.abs(np.sum(model * reading, axis=0) / np.maximum(np.sum(model**2, axis=0), 1e-300) - 1)

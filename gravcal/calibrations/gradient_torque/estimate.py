@@ -1,4 +1,4 @@
-"""Stages drag and combine: drag from two sensors, from one as printed and as it should be; what tells them apart."""
+"""Stages drag and combine: drag from two sensors, from one as printed and as corrected; identifiability."""
 
 import numpy as np
 import xarray as xr
@@ -14,8 +14,8 @@ from gravcal.physics.sensing import offset_tensor
 
 VARIANTS = ("two_sensor", "one_sensor_published", "one_sensor")
 SOURCES = ("sensor noise", "attitude and rates", "gravity prior", "places")
-SAMPLES, LEAST_KNOTS, MOST_KNOTS = 30, 5, 24  # of a mean for each knot of the spectrum of the torque; knots of it
-NODES, ORDER, DRAWS = 512, 30, 24  # frequencies and coefficients that stand for a spectrum; spectra for its error
+SAMPLES, LEAST_KNOTS, MOST_KNOTS = 30, 5, 24  # means for each knot of the torque spectrum; least, most knots
+NODES, ORDER, DRAWS = 512, 30, 24  # frequencies of a density, order of its autoregressive model; densities drawn
 
 
 def drag(
@@ -30,7 +30,7 @@ def drag(
     control_damping: float,
     satellite: dict,
 ) -> xr.Dataset:
-    """Drag by one of the three methods, a variant with ".clean" behind for the readings of a simulation without noise.
+    """Product "gradient_torque.drag" of one of VARIANTS, with ".clean" behind for noise-free simulated readings.
 
     control_hz and control_damping are the law of the attitude control; 0 Hz: not known, no torque balance.
 
@@ -93,7 +93,7 @@ def drag(
 
 
 def gravity_covariance(variance: np.ndarray, up_b: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """Covariance (n, 3, 3) m2 s-4 of dG r for errors of the field that are alike in all directions.
+    """Covariance (n, 3, 3) m2 s-4 of dG r, r `place` (3,) m, for isotropic errors dG of the gravity gradient.
 
     Variances (3,) s-4 are those of `gravity.error_covariance`, up_b (n, 3) unit vectors away from the Earth.
     """
@@ -111,7 +111,7 @@ def gravity_covariance(variance: np.ndarray, up_b: np.ndarray, place: np.ndarray
 def uncontrolled_torque(
     modelled: xr.Dataset, method: str, inertia: np.ndarray, control_hz: float, damping: float
 ) -> np.ndarray:
-    """Torque (n, 3) N m that gravity gradient, control and a model leave of the motion of one of METHODS.
+    """Torque (n, 3) N m of the motion by one of METHODS less gravity gradient, control and modelled torque.
 
     I_B w' + w x I_B w - vex(I_B G - G I_B) = x_cp x m a_drag + control + rest; S-GRS paper, eq. 12 with the bracket
     where it belongs (erratum S-4). Control is -I_B (W^2 angle + 2 D W angle'): angles are fed back, so gains fitted to
@@ -126,7 +126,7 @@ def uncontrolled_torque(
 
 
 def unsmoothed(modelled: xr.Dataset, method: str, sensors: slice | list, test_mass_inertia: np.ndarray) -> np.ndarray:
-    """Angular acceleration (n, 3) rad s-2 that is read beyond the smoothed one; torque needs it not to be too small.
+    """Angular acceleration (n, 3) rad s-2 as read less the smoothed one, without which torques come out too small.
 
     The reading is the mean of some sensors, counted from 0; method as of `uncontrolled_torque`.
     """
@@ -143,7 +143,7 @@ def balance(torque, drag_b, place, satellite, *, width, step):
 
     Notes
     -----
-    The rest is coloured noise beside an unknown constant torque. Its spectrum is the likeliest beside all unknowns;
+    The rest is coloured noise and an unknown constant torque. Its spectrum is the likeliest with all unknowns free;
     what the record leaves open of it is in the covariance, as values and covariances with spectra drawn about it. An
     error d of the angular acceleration changes the drag by r x d and the torque by I_B d; what both have in common is
     taken off the normal equations, or least squares would be biased.
@@ -178,14 +178,14 @@ def balance(torque, drag_b, place, satellite, *, width, step):
     each = [solved(models) for models in zip(*spectra, strict=True)]
     value, covariance = each[0]
     if len(each) > 1:
-        moved = np.array([one - value for one, _ in each[1:]])
-        covariance = np.mean([one for _, one in each[1:]], axis=0) + moved.T @ moved / len(moved)
-    left = np.stack([(one[:, 0] - one[:, 1:4] @ value)[valid] for one in columns], axis=1)
-    return value, covariance, left.std(axis=0)
+        deviations = np.array([one - value for one, _ in each[1:]])
+        covariance = np.mean([one for _, one in each[1:]], axis=0) + deviations.T @ deviations / len(deviations)
+    residual = np.stack([(one[:, 0] - one[:, 1:4] @ value)[valid] for one in columns], axis=1)
+    return value, covariance, residual.std(axis=0)
 
 
 def _drawn_spectra(series, columns, step, rng):
-    """Noise models of a series (n,) beside columns (n, q): the likeliest, then some drawn about it by its error.
+    """Noise models of a series (n,), columns (n, q) free: the likeliest, then DRAWS about it by its error.
 
     Of a record too short for a spectrum white noise.
     """
@@ -194,14 +194,14 @@ def _drawn_spectra(series, columns, step, rng):
         return [noise.fit_noise([series], 0, step, removed=columns.shape[1])]
     knots = (np.arange(size := max(LEAST_KNOTS, min(count // SAMPLES, MOST_KNOTS))) + 0.5) / (2 * step * size)
     spectrum = noise.fit_spectrum([(series, columns)], step, knots)
-    off = np.linalg.cholesky(spectrum.covariance) @ rng.standard_normal((size, DRAWS))
+    deviations = np.linalg.cholesky(spectrum.covariance) @ rng.standard_normal((size, DRAWS))
     nodes = (np.arange(NODES) + 0.5) / (2 * step * NODES)
-    drawn = spectrum.log_density[:, None] + np.column_stack([np.zeros(size), off])
+    drawn = spectrum.log_density[:, None] + np.column_stack([np.zeros(size), deviations])
     return [noise.from_density(density, ORDER, step) for density in np.exp(spectrum.shares(nodes) @ drawn).T]
 
 
 def with_model_error(solved: xr.Dataset, *moved: xr.Dataset, added: str = "") -> xr.Dataset:
-    """Drag with the errors of effects taken out before; those of the pressure may be in what a search adds."""
+    """Drag product with the errors of effects taken out before; for the pressure `added` may hold them."""
     new = widened(solved, moved, {"drag_b": ("covariance", "covariance_total")})
     if "pressure" in solved:
         new |= widened(solved, () if added else moved, {"pressure": ("pressure_covariance",)}, added)
@@ -217,7 +217,7 @@ def combine(
     elongation: float,
     satellite: dict,
 ) -> xr.Dataset:
-    """Errors, spectra and identifiability of all methods in one product.
+    """Product "gradient_torque.combine": errors, spectra and identifiability of all methods.
 
     Products are "gradient_torque.gradient", then "gradient_torque.drag" of each of `methods`, then, if there is one,
     "gradient_torque.truth" and the drags from readings without noise in the order of `methods`.
@@ -264,14 +264,14 @@ def combine(
 
 
 def _rms(values):
-    """Root mean square of each method, of what is there; NaN where nothing is."""
+    """Root mean square (k,) of the finite values (k, n, 3) of each method, NaN where there are none."""
     known = np.isfinite(values)
     count = known.sum(axis=(1, 2))
     return np.sqrt(np.where(count > 0, np.sum(values**2, axis=(1, 2), where=known), np.nan) / np.maximum(count, 1))
 
 
 def _arc(modelled, one_sensor, epochs, spacing, satellite):
-    """Motion and standard deviations at a few epochs in the middle of the record."""
+    """Motion and standard deviations at a few epochs, `spacing` s apart, from a quarter of the record on."""
     time, drag_b = modelled["time"].values, one_sensor["drag_b"].values
     step = float(np.median(np.diff(time)))
     every = max(1, min(round(spacing / step), time.size // (2 * epochs)))

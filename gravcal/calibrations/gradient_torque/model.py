@@ -79,7 +79,7 @@ def gradient(
     elongation: float,
     satellite: dict,
 ) -> xr.Dataset:
-    """Tensor of the gravity gradient in b, rates and their errors, of an SGRS file and a gravity field.
+    """Product "gradient_torque.gradient": gravity gradient in b, rates, their errors; of an SGRS file and a field.
 
     The satellite has attitude_noise, angular_noise_density, test_mass, test_mass_inertia of the catalogue.
     """
@@ -102,6 +102,7 @@ def gradient(
     inertia, density = box_inertia(satellite, elongation), np.array(satellite["angular_noise_density"])
 
     def free(R_bi, rate_b):
+        """Angular acceleration (n, 3) rad s-2 of the free test mass, attitude R_bi (n, 3, 3), rate_b (n, 3) rad s-1."""
         return free_mass_angular_acceleration(inertia, gravity.rotate_tensor(R_bi, gradient_i), rate_b)
 
     sensors = {"one_sensor": [min(single_sensor, len(places)) - 1], "two_sensor": list(range(len(places)))}
@@ -150,7 +151,7 @@ def torque(
     elongation: float,
     satellite: dict,
 ) -> xr.Dataset:
-    """Amplitude spectra of the torque by zonal degree beside the angular noise of the sensor.
+    """Product "gradient_torque.torque": amplitude spectra by zonal degree, and the angular noise of the sensor.
 
     Attitude is that of "gradient_torque.gradient", the orbit that of the file; the satellite has inertia, test_mass,
     test_mass_inertia, angular_noise_density, panel_area, panel_normal, panel_centre.
@@ -189,10 +190,7 @@ def torque(
 
 
 def amplitude_spectrum(series: np.ndarray, step: float) -> tuple[np.ndarray, np.ndarray]:
-    """Frequency (m,) Hz without zero, and amplitude (..., m, k) of the sine in each line of even series (..., n, k).
-
-    With a Hann window; straight lines over missing epochs.
-    """
+    """Frequency (m,) Hz above zero, Hann-windowed sine amplitude (..., m, k) of series (..., n, k); gaps bridged."""
     n = series.shape[-2]
     window, index = np.hanning(n)[:, None], np.arange(n)
     missing = ~np.isfinite(series).all(axis=-1)
@@ -331,6 +329,7 @@ def printed_drag(linear_b, angular_b, h, q_d):
 
 
 def _inverse(quaternion):
+    """Inverse of a quaternion (4,), scalar first, not necessarily of unit norm."""
     return quaternion * np.array([1.0, -1, -1, -1]) / np.sum(quaternion**2)
 
 
@@ -394,7 +393,7 @@ def joint(sensor, motion):
     size = 14 * count + 6
 
     def held(start, weights, every_epoch=True):
-        """Rows that hold neighbouring unknowns, of every epoch or those that all share."""
+        """Rows that constrain neighbouring unknowns, from number `start` on, of every epoch or of the shared ones."""
         unknowns = start + np.arange(len(weights)) + (14 * np.arange(count)[:, None] if every_epoch else 14 * count)
         rows = np.zeros((unknowns.size, size))
         rows[np.arange(unknowns.size), unknowns.ravel()] = np.resize(weights, unknowns.size)
@@ -426,7 +425,7 @@ def joint(sensor, motion):
 
 
 def _readings(sensor, motion):
-    """Rows of the three equations of all epochs, whitened; 9 rows an epoch."""
+    """Whitened rows (9 n, 14 n + 6) of the three equations of a Sensor at the n epochs of a Motion, for `joint`."""
     count, J = len(motion.drag_b), sensor.inertia
     tensor = offset_tensor(motion.rate_b, motion.rate_dot_b, motion.gradient_b)
     block = np.zeros((9, 14))
@@ -448,7 +447,7 @@ def _readings(sensor, motion):
 
 
 def _rank_and_null(matrix):
-    """Numerical rank and an orthonormal basis of the null space, as rows; rows of the matrix of one size."""
+    """Numerical rank and orthonormal basis of the null space, as rows, of a matrix after scaling its rows to one."""
     matrix = matrix / np.maximum(np.linalg.norm(matrix, axis=1, keepdims=True), 1e-300)
     _, singular, right = np.linalg.svd(matrix)
     rank = int(np.count_nonzero(singular > TOLERANCE * singular[0]))

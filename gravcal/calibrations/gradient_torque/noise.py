@@ -1,4 +1,4 @@
-"""Noise of what discovery sees of a day: each channel in bins, its noise beside what is free in it, whitened rows.
+"""Channels of a day for discovery: means in bins, noise estimated with the free parameters, whitened rows.
 
 The drag is free at every epoch, so that it takes up the mean reading of the sensors and leaves their difference.
 Distance of the sensors, a constant torque and the centre of pressure are free as well.
@@ -31,7 +31,7 @@ class Channel:
     models: tuple = ()  #: noise models of the axes, none for the attitude
     common: tuple = ()  #: noise that axes have in common, taken out of the weaker ones before they are whitened
     level: noise.Levels | None = None  #: (m, 3) amplitude of these in each bin
-    spectra: tuple = ()  #: of the axes with their errors, where so much is free beside the noise that these matter
+    spectra: tuple = ()  #: of the axes with errors, where so many columns are free that these matter
     R_bi: np.ndarray | None = None  #: (m, 3, 3) of the bins of the attitude, None for the others
     stretches: tuple = ()  #: (begin, end, (3 k, 3 k) rad Cholesky factor of the noise) of the attitude
     rows: np.ndarray | None = None  #: (n, 1 + GLOBAL) whitened: observed, columns of the global parameters
@@ -67,7 +67,7 @@ class Channel:
         return np.where(self.good[:, None, None], together, np.nan)
 
     def places(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Time s and axis of the rows, and the time by which they belong to a block: a stretch to that it begins in."""
+        """Time s and axis of the rows, and time s that sorts them into blocks, of a stretch its begin; (n,) each."""
         if self.models:
             time = np.tile(self.time, 3)
             return time, np.repeat([0, 1, 2], self.time.size), time
@@ -76,7 +76,7 @@ class Channel:
         return time, np.tile([0, 1, 2], time.size // 3), np.repeat([self.time[b] for b, _, _ in self.stretches], size)
 
     def free(self, stretch: tuple) -> np.ndarray:
-        """Whitened columns (3 k, 6) of start and rate of the attitude of a stretch."""
+        """Whitened columns (3 k, 6) of the start angle and rate of the attitude of a stretch."""
         begin, end, lower = stretch
         R_bi = self.R_bi[begin:end]
         start = R_bi @ np.broadcast_to(R_bi[0].T, R_bi.shape)
@@ -93,16 +93,16 @@ def without_common(common: Sequence[noise.Common], bins: np.ndarray, good: np.nd
 
 
 def _width(time, bin_s):
-    """Epochs in a bin."""
+    """Number of epochs (n,) s in a bin of bin_s, at least one."""
     return max(1, round(bin_s / float(np.median(np.diff(time)))))
 
 
 def coloured(time, series, columns, effects, bin_s, order) -> Channel:
-    """Channel of a series (n, 3) with a noise model of each axis, beside the columns of the global parameters.
+    """Channel of a series (n, 3), a noise model for each axis; columns {parameter: (n, 3, 3)} are free, see PLACES.
 
-    In the difference of the sensors everything that a listed effect adds is free as well, lines that latitude makes and
-    jumps are, so that none is noise; what the fit took from the noise is put back. A torque is not: attitude answers
-    it, and so does what acts on attitude.
+    In the difference of the sensors effects [(n, 3, q)], with waves of latitude, and jumps are free too, so that
+    none is noise; the noise that the fit absorbs is put back. In a torque they are not: attitude answers it, and so
+    does what acts on attitude.
     """
     observed, width = np.zeros((len(series), 3, 1 + GLOBAL)), _width(time, bin_s)
     observed[:, :, 0] = series
@@ -110,40 +110,40 @@ def coloured(time, series, columns, effects, bin_s, order) -> Channel:
         observed[:, :, 1:][:, :, PLACES[name]] = part
     bins = means(observed, width)
     good = np.isfinite(bins).all(axis=(1, 2))
-    left = np.where(good[:, None], bins[:, :, 0], np.nan)
-    beside = np.nan_to_num(np.concatenate([bins[:, :, 1:], *(means(one, width) for one in effects)], axis=2))
+    residual = np.where(good[:, None], bins[:, :, 0], np.nan)
+    free = np.nan_to_num(np.concatenate([bins[:, :, 1:], *(means(one, width) for one in effects)], axis=2))
 
     def clean(columns):
-        """What is left of the bins beside columns (m, 3, q)."""
-        return noise.beside([left], [columns])(left, 0)
+        """Residual (m, 3) of the bins after least squares for columns (m, 3, q)."""
+        return noise.beside([residual], [columns])(residual, 0)
 
     for axis in range(3 if effects else 0):
-        jumps = noise.jumps(lambda places, a=axis, b=beside: np.nan_to_num(clean(_with_jumps(b, a, places))[:, a]))
-        beside = _with_jumps(beside, axis, jumps)
+        jumps = noise.jumps(lambda places, a=axis, b=free: np.nan_to_num(clean(_with_jumps(b, a, places))[:, a]))
+        free = _with_jumps(free, axis, jumps)
     common, spectra = (), ()
     if effects:
-        _, models, white = noise.spectra_beside(left, beside, order, bin_s)
+        _, models, white = noise.spectra_beside(residual, free, order, bin_s)
         unit = np.stack([noise.unwhiten(model, white[:, k], good) for k, model in enumerate(models)], axis=1)
         common = tuple(noise.in_common(unit, models))
-        left = np.where(good[:, None], without_common(common, bins[:, :, :1], good)[:, :, 0], np.nan)
-        spectra, models, white = noise.spectra_beside(left, without_common(common, beside, good), order, bin_s)
+        residual = np.where(good[:, None], without_common(common, bins[:, :, :1], good)[:, :, 0], np.nan)
+        spectra, models, white = noise.spectra_beside(residual, without_common(common, free, good), order, bin_s)
     else:
-        models = noise.fit_detrended([left], noise.beside([left], [beside]), order, bin_s)
-        white = noise.whitened(models, clean(beside), good).reshape(3, -1).T
-    level = noise.changing_levels(np.where(good[:, None], white, np.nan), beside.shape[2] / 3)
+        models = noise.fit_detrended([residual], noise.beside([residual], [free]), order, bin_s)
+        white = noise.whitened(models, clean(free), good).reshape(3, -1).T
+    level = noise.changing_levels(np.where(good[:, None], white, np.nan), free.shape[2] / 3)
     channel = Channel(width, means(time, width), good, tuple(models), common, level, spectra=tuple(spectra))
     return replace(channel, rows=channel.whitened(observed))
 
 
-def _with_jumps(beside, axis, places):
-    """Columns (m, 3, q) and those of jumps of an axis."""
-    columns = np.zeros((len(beside), 3, 2 * len(places)))
-    columns[:, axis] = noise.jump_columns(len(beside), places)
-    return np.concatenate([beside, columns], axis=2)
+def _with_jumps(free, axis, places):
+    """Columns (m, 3, q) with those of jumps of one axis, at row numbers (k,), added behind, (m, 3, q + 2 k)."""
+    columns = np.zeros((len(free), 3, 2 * len(places)))
+    columns[:, axis] = noise.jump_columns(len(free), places)
+    return np.concatenate([free, columns], axis=2)
 
 
 def of_attitude(about, R_bi, observed, modelled, beyond, settings) -> Channel:
-    """Channel of the star camera against the angular readings: angles of each stretch, its start and rate free."""
+    """Channel of star camera against angular readings, start and rate of each stretch free; beyond by `unsmoothed`."""
     width = _width(about.time, settings["bin_s"])
     turned = R_bi @ np.swapaxes(frames.R_bi_from_quaternion(observed["q"].values), 1, 2)
     angle = np.stack([turned[:, i, j] - turned[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
@@ -167,7 +167,7 @@ def of_attitude(about, R_bi, observed, modelled, beyond, settings) -> Channel:
 
 
 def _white_noise(series, width):
-    """White noise (m, 3) of bins, from differences of neighbouring samples (n, 3) of what changes slowly."""
+    """Sigma (m, 3) of white noise in bins of `width` samples, from differences of samples (n, 3) of a slow signal."""
     step = np.diff(series, axis=0)[::2]
     sigma = np.sqrt(np.nanmean(step**2, axis=0) / 2 / width)
     level = noise.changing_levels(step / np.sqrt(np.nanmean(step**2, axis=0)), 0.0).value
@@ -188,7 +188,7 @@ def means(series: np.ndarray, width: int) -> np.ndarray:
 
 
 def channels_of(about, R_bi, observed, modelled, effects, settings) -> dict[str, Channel]:
-    """Channels that the record has; effects are what listed ones add to the difference of two sensors, (n, 3, q)."""
+    """Channels of the record, {name: Channel}; effects are derivatives of the difference of two sensors, (n, 3, q)."""
     channels = {}
     if len(about.extra["positions"]) == 2:  # the difference of the readings less its model
         T, linear = tensor(about), modelled["linear_b"].values
@@ -196,12 +196,12 @@ def channels_of(about, R_bi, observed, modelled, effects, settings) -> dict[str,
         noise_model = settings["bin_s"], settings["noise_order"]
         channels["linear"] = coloured(about.time, difference, {"distance": -T}, list(effects), *noise_model)
     test_mass = box_inertia(settings["satellite"], settings["elongation"])
-    beyond = unsmoothed(modelled, "two_sensor", slice(None), test_mass)
-    channels["attitude"] = of_attitude(about, R_bi, observed, modelled, beyond, settings)
+    rate_dot_left = unsmoothed(modelled, "two_sensor", slice(None), test_mass)
+    channels["attitude"] = of_attitude(about, R_bi, observed, modelled, rate_dot_left, settings)
     if settings["control_hz"] > 0:
         control = settings["control_hz"], settings["control_damping"]
         torque = uncontrolled_torque(modelled, "two_sensor", about.inertia_b, *control)
-        torque = torque + np.matvec(about.inertia_b, np.nan_to_num(beyond))
+        torque = torque + np.matvec(about.inertia_b, np.nan_to_num(rate_dot_left))
         arm = -about.extra["mass"] * frames.cross_matrix(about.extra["non_gravitational_b"])
         noise_model = settings["torque_step_s"], settings["torque_noise_order"]
         channels["torque"] = coloured(about.time, torque, {"pressure": arm, "constant": np.eye(3)}, [], *noise_model)

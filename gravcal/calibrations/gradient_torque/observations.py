@@ -40,8 +40,8 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
     added = (added["linear"] for _, _, added in effects_of(about, ("linear",)) if "linear" in added)
     outside = [shape for driver, _, shape in drivers(about) if driver in responses.OUTSIDE]
     outside += [remembered(tau) for _, remembered in memories(about) for tau in responses.MEMORY_S]
-    lines = map(on_axes, outside)
-    channels = channels_of(about, R_bi, observed, modelled, itertools.chain(added, lines), settings)
+    outside_columns = map(on_axes, outside)
+    channels = channels_of(about, R_bi, observed, modelled, itertools.chain(added, outside_columns), settings)
     satellite, prior = settings["satellite"], np.zeros((6, 1 + GLOBAL))
     pressure, distance = np.array(satellite["centre_of_pressure"]), satellite["sensor_position_sigma"]
     sigma = np.concatenate([satellite["centre_of_pressure_sigma"], np.linalg.norm(distance, axis=0)])
@@ -51,7 +51,7 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
     rows = np.concatenate(parts)
     scale = np.maximum(np.linalg.norm(rows[:, 1:], axis=0), 1e-300)
     solution = np.linalg.lstsq(rows[:, 1:] / scale, rows[:, 0], rcond=None)[0] / scale
-    for part in parts:  # what is found are changes of the solution
+    for part in parts:  # estimates are changes of the solution
         part[:, 0] -= part[:, 1:] @ solution
     start = drag["pressure"].values if "pressure" in drag else pressure
     drag_sigma = float(np.sqrt(np.nanmean(np.diagonal(drag["covariance"].values, axis1=1, axis2=2))))
@@ -60,7 +60,7 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "GradientTorque":
 
 
 def _context(modelled, drag, R_bi, position, settings):
-    """What effects look at, at the epochs of the record; drag_b is an acceleration, position (n, 3) m in i."""
+    """Context of the effects at the epochs of the record; R_bi (n, 3, 3), position (n, 3) m in i."""
     time, satellite = modelled["time"].values, settings["satellite"]
     R_ei = earth.R_ei(time)
     position_e, R_be = np.matvec(R_ei, position), R_bi @ np.swapaxes(R_ei, 1, 2)
@@ -87,7 +87,7 @@ def _context(modelled, drag, R_bi, position, settings):
 
 
 def _of_degree(about, degree, order):
-    """Context with the gravity gradient of C_nm = 1 and of S_nm = 1."""
+    """Context whose "tesseral_b" (n, 2, 3, 3) s-2 is the gravity gradient of C_nm = 1 and of S_nm = 1."""
     both = tesseral(about.extra["position_e"], about.extra["R_be"], degree, order)
     return replace(about, extra=about.extra | {"tesseral_b": both})
 
@@ -112,17 +112,17 @@ class GradientTorque(Observations):
 
     @functools.cached_property
     def quiet(self) -> dict[str, float]:
-        """Bins of the difference of the sensors, whose noise is measured beside all that is looked for in it."""
+        """Bins with data of the difference of the sensors, {"linear": number}: noise is estimated beside candidates."""
         return {name: float(one.good.sum()) for name, one in self.made.items() if name == "linear"}
 
     @property
     def spectra(self) -> dict[str, tuple]:
-        """Spectra of the noise that is measured beside all that is looked for."""
+        """Noise spectra of the axes, {channel: (3 spectra)}, where they are estimated with all candidates free."""
         return {name: one.spectra for name, one in self.made.items() if one.spectra}
 
     @functools.cached_property
     def _places(self) -> list[dict[str, np.ndarray]]:
-        """Numbers of the rows of each channel in each block."""
+        """Row numbers (n,) of each channel in each block, a list of {channel: rows}."""
         time = self.about.time
         count = max(2, int((time[-1] - time[0]) / BLOCK_S))
         inner = np.linspace(time[0], time[-1] + 1e-6, count + 1)[1:-1]
@@ -131,7 +131,7 @@ class GradientTorque(Observations):
 
     @functools.cached_property
     def blocks(self) -> list[Block]:
-        """Stretches of two hours, and what was known beforehand."""
+        """Blocks of two hours, and one of the prior of the global parameters."""
         stretches, places = [], {name: channel.places() for name, channel in self.made.items()}
         errors = {
             (name, axis): float(error)
@@ -153,7 +153,7 @@ class GradientTorque(Observations):
         return [*stretches, Block.of("known beforehand", known[:, 0], *about, shared=known[:, 1:])]
 
     def _columns(self, added):
-        """Columns of every block from what is added to the channels, {channel: (n, 3, q)} SI."""
+        """Whitened columns (n, q) of every block from additions {channel: (n, 3, q)} SI; None of the prior's block."""
         known = {name: self.made[name].whitened(values) for name, values in added.items() if name in self.made}
         width, columns = next(iter(added.values())).shape[2], []
         for rows_of in self._places if known else ():
@@ -181,7 +181,7 @@ class GradientTorque(Observations):
         return causes + [one for channel in self.made if channel != "torque" for one in self._memories(channel)]
 
     def _memories(self, channel, constants=responses.MEMORY_S):
-        """Candidates in no list of what remembers the drag, whose constant is fitted."""
+        """Yield candidates of a channel that follows a component of the drag with memory, whose constant is fitted."""
         for (law, remembered), tau in itertools.product(memories(self.about), constants):
 
             def columns(value, remembered=remembered):
@@ -194,7 +194,7 @@ class GradientTorque(Observations):
             yield replace(unknown("drag", form, columns(known), UNITS[channel], along(channel)), shape=shape)
 
     def forms_of(self, entry: Entry) -> Iterable[Candidate]:
-        """Candidate of its form; of a memory that with its own constant."""
+        """Candidates of the form of an entry; of a memory the one with its own constant."""
         if "tau" not in entry.values:
             return super().forms_of(entry)
         laws = self._memories(entry.form.partition(", ")[0], [entry.values["tau"]])
@@ -222,7 +222,7 @@ class GradientTorque(Observations):
         return extended.assign_attrs(model=" ".join(entry.cause for entry in model)) if model else extended
 
     def _contribution(self, entry):
-        """What an entry adds to the readings of each sensor, (n, sensors, 3) m s-2 and rad s-2."""
+        """Addition of an entry to linear and angular readings of each sensor, (n, sensors, 3) m s-2 and rad s-2."""
         about, sensors = self.about, len(self.about.extra["positions"])
         linear, angular = np.zeros((2, about.time.size, sensors, 3))
         if not entry.listed:  # a driver in the difference of the sensors, half in each, or in all angular readings
@@ -250,7 +250,7 @@ class GradientTorque(Observations):
         return linear, angular
 
     def biased(self) -> list[Unobservable]:
-        """What effects that move both sensors alike, and so no difference shows, do to the drag."""
+        """Biases of the drag by effects that move both sensors alike, at plausible size: no difference shows them."""
         biases = []
         for entry in (one for one in EFFECTS if one.channel == "linear_each_b"):
             mean = entry.columns(self.about).mean(axis=1)
@@ -261,7 +261,7 @@ class GradientTorque(Observations):
         return biases
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Time s, reading that the model predicts, and whitened rows in its unit.
+        """Time (m,) s, reading (m, 3) that the model predicts, and whitened rows in its unit (q, m, 3), of one block.
 
         Of the linear reading, m s-2, it is the difference that the distance of the sensors predicts; attitude, rad, and
         torque, N m, are themselves what the model leaves.

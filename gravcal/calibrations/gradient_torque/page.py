@@ -32,10 +32,7 @@ BALANCE = ("value", "sigma", "prior_sigma")
 
 
 def report(*products, event, settings):
-    """Report product of one event and its files {name: text}.
-
-    Products are combine, torque, gradient, checks and the drags in the order of the combination.
-    """
+    """Report product and files {name: text} of an event; products combine, torque, gradient, checks, then the drags."""
     drags = dict(zip(map(str, products[0]["method"].values), products[4:], strict=True))
     named = dict(zip(("combine", "torque", "gradient", "checks"), products[:4], strict=True))
     tests = [*of_product(named["checks"]), *checks.result(named["gradient"], drags, settings)]
@@ -88,7 +85,7 @@ def _result(products, settings):
 
 
 def _identifiability(combined):
-    """Rank, null space, and what each piece of knowledge adds."""
+    """Rank, null space, and the drag error after each piece of knowledge, as JSON, from the combine product."""
     columns = (combined[f"step{tail}"].values for tail in ("", "_rank", "_unknowns", "_sigma"))
     return {
         "rank": int(combined["single_rank"]),
@@ -136,6 +133,7 @@ def _sections(document):
 
 @WORDS.figure("torque")
 def _spectra(panels, torque):
+    """Amplitude spectra of the torque by zonal degree, in four groups, with the noise of the sensor."""
     frequency = 1e3 * torque["frequency"].values
     total = np.sqrt(np.sum(torque["amplitude"].values ** 2, axis=1))
     noise = np.sqrt(np.sum(torque["sensitivity"].values ** 2))
@@ -152,6 +150,7 @@ def _spectra(panels, torque):
 
 @WORDS.figure("gradient", "torque")
 def _printed_torque(panels, modelled, torque):
+    """Torque of the satellite by eq. 1 and by the printed eq. 3 over two places."""
     time, inertia = modelled["time"].values, torque["inertia"].values
     every = slice(None, None, max(1, time.size // 3000))
     tensor, hours = modelled["gradient_b"].values[every], (time[every] - time[0]) / 3600
@@ -179,6 +178,7 @@ def _degrees(panel, torque):
 
 @WORDS.figure("combine")
 def _errors(panels, combined):
+    """Amplitude densities of the drag errors of each method, with and without noise, and of the drag."""
     if not np.isfinite(combined["error_rms"].values).any():  # without the truth
         return
     frequency, names = combined["frequency"].values, [str(name) for name in combined["method"].values]

@@ -1,4 +1,4 @@
-"""What effects of the catalogue add to the channels of a day of S-GRS, and the drivers in no list."""
+"""Responses of the channels of a day of S-GRS to effects of the catalogue, and the drivers in no list."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
@@ -16,12 +16,12 @@ TORQUE = tuple(f"torque.{name}" for name in ("aerodynamic", "gravity_gradient", 
 POINTING = "attitude.star_camera_misalignment"
 #: Drivers that torques do not move: motion answers a torque, and would explain any.
 OUTSIDE = ("latitude", "time")
-MEMORY_S = (100.0, 400.0, 1600.0)  # of the drag, tried
+MEMORY_S = (100.0, 400.0, 1600.0)  # time constants of a memory of the drag, tried
 SHORTEST_S, LONGEST_S = 30.0, 6000.0  # a bin, and what an orbit still shows
 
 
 def effects_of(about: Context, channels: Sequence[str]) -> Iterator[tuple[Effect, int, dict[str, np.ndarray]]]:
-    """Effect, number of the sensor that has it (0: all), and what it adds by each parameter {channel: (n, 3, q)}."""
+    """Yield effect, number of its sensor (0: all), and derivatives by its parameters, {channel: (n, 3, q)}."""
     yield from ((entry, 0, added_to_channels(about, entry)) for entry in EFFECTS)
     for entry in map(effect, LINEAR if "linear" in channels else ()):
         for sensor, sign in enumerate((-1.0, 1.0)):
@@ -32,9 +32,9 @@ def effects_of(about: Context, channels: Sequence[str]) -> Iterator[tuple[Effect
 
 
 def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
-    """Drivers, their forms, and what follows them, (n,) or, of waves, (n, 2), 1 of a size near one.
+    """Yield driver, form, and regressor of size near one, (n,) or, of waves, (n, 2).
 
-    Of readings of a sensor and the angular acceleration products: in proportion to them are effects of the catalogue.
+    Readings and angular acceleration are in it by products alone: effects in proportion to them are in the catalogue.
     """
     for sensor in range(len(about.extra["positions"])):
         reading = reading_of(about, sensor)
@@ -56,7 +56,7 @@ def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
 
 
 def memories(about: Context) -> Iterator[tuple[Law, Callable[[float], np.ndarray]]]:
-    """Law of what remembers a component of the drag, and the function of its constant s that gives the values (n,)."""
+    """Yield the law of a component of the drag with memory, and the function of its constant s to values (n,)."""
     for driver, form, drag in drivers(about):
         if driver == "drag" and form.startswith("component"):
             law = Law(form, kernel=MEMORY)
