@@ -183,9 +183,9 @@ def unlikeliness(corners, data, right, start, *prior):
     """
     splines, inner = torque_prior(corners, *prior)
     pull, square = _pull(inner, start, prior[-1])
-    whole, jerk = (cholesky_banded(band, lower=True, check_finite=False) for band in (data + splines, inner))
-    fit = (right - pull) @ cho_solve_banded((whole, True), right - pull, check_finite=False) - square
-    return np.sum(np.log(whole[0])) - np.sum(np.log(jerk[0])) - fit / 2
+    posterior, jerk = (cholesky_banded(band, lower=True, check_finite=False) for band in (data + splines, inner))
+    fit = (right - pull) @ cho_solve_banded((posterior, True), right - pull, check_finite=False) - square
+    return np.sum(np.log(posterior[0])) - np.sum(np.log(jerk[0])) - fit / 2
 
 
 def solve(band, right):
@@ -255,7 +255,7 @@ class Attitude:
     dof: float  #: observations less what of them the fit takes up
 
     def covariance_of(self, by_angle, by_rate, by_rate_dot):
-        """Covariance (n, 3, 3) of a vector, from its derivatives (n, 3, 3) by small rotation in b, rate and its change."""
+        """Covariance (n, 3, 3) of a vector with these derivatives (n, 3, 3) by rotation in b, rate and its change."""
         parts = zip((by_angle, by_rate, by_rate_dot), self.operators, strict=True)
         return propagate(sum(by[:, None] @ operator for by, operator in parts), self.table, self.covariance)
 
@@ -307,9 +307,9 @@ def smooth(time, quaternion, angular_b, orbit, free_test_mass, *, angle_sigma, a
                 # knot intervals in which angular readings deny a torque that changes slowly, and their neighbours
                 residual = blocks[1][1]
                 rows = _by_interval(table, residual)
-                size = rows.sum(axis=1) ** 2 / np.maximum(np.count_nonzero(rows, axis=1), 1)
-                usual = np.median(size[rows.any(axis=(1, 2))], axis=0) if rows.any() else np.inf
-                free |= maximum_filter1d(size > RARE * usual, 5, axis=0)
+                excess = rows.sum(axis=1) ** 2 / np.maximum(np.count_nonzero(rows, axis=1), 1)
+                usual = np.median(excess[rows.any(axis=(1, 2))], axis=0) if rows.any() else np.inf
+                free |= maximum_filter1d(excess > RARE * usual, 5, axis=0)
             for k, start in enumerate(coefficients.T):
                 prior = white[k], free[:, k], table.step
                 if iteration:

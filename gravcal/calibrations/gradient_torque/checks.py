@@ -80,21 +80,21 @@ def _from_one(model, reading):
 
 def result(modelled: xr.Dataset, drags: Mapping[str, xr.Dataset], limits: Mapping[str, float]) -> list[Check]:
     """Checks of the drag, {method: Dataset}: attitude fit, methods against each other, plausible size and direction."""
-    one = drags["one_sensor"]
-    drag = one["drag_b"].values
+    one_sensor = drags["one_sensor"]
+    drag = one_sensor["drag_b"].values
     drag = drag[np.isfinite(drag).all(axis=1)]
-    size, mean = np.sqrt(np.mean(np.sum(drag**2, axis=1))), drag.mean(axis=0)
+    rms, mean = np.sqrt(np.mean(np.sum(drag**2, axis=1))), drag.mean(axis=0)
     ratio = (modelled["attitude_chi2"] / modelled["attitude_dof"]).values.max()
     least = np.sqrt(np.mean(drag**2, axis=0)).min()
     tests = [
         at_most("chi2 per degree of freedom, attitude", ratio, limits["fit_limit"], "1"),
-        at_most("drag", size, limits["drag_limit_m_s2"], "m s-2"),
+        at_most("drag", rms, limits["drag_limit_m_s2"], "m s-2"),
         at_least("drag, least axis", least, limits["drag_least_m_s2"], "m s-2"),
         at_least("mean drag against the flight, share", -mean[0] / np.linalg.norm(mean), limits["against_flight"], "1"),
     ]
     if "two_sensor" in drags:
-        difference = one["drag_b"].values - drags["two_sensor"]["drag_b"].values
-        total = np.diagonal(one["covariance_total"].values, axis1=1, axis2=2)
+        difference = one_sensor["drag_b"].values - drags["two_sensor"]["drag_b"].values
+        total = np.diagonal(one_sensor["covariance_total"].values, axis1=1, axis2=2)
         sigmas = np.sqrt(np.nanmean(difference**2, axis=0) / total.mean(axis=0)).max()
         tests.append(at_most("one sensor against two", sigmas, limits["agreement_limit"], "sigma"))
     return tests

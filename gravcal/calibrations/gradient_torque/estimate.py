@@ -82,9 +82,9 @@ def drag(
         inertia, kept = np.array(satellite["inertia"]), model.box_inertia(satellite, elongation)
         held_back = np.nan_to_num(unsmoothed(modelled, method, sensors, kept))
         torque = uncontrolled_torque(modelled, method, inertia, control_hz, control_damping)
-        both = torque + np.matvec(inertia, held_back), drag_b - np.cross(held_back, place)
+        series = torque + np.matvec(inertia, held_back), drag_b - np.cross(held_back, place)
         options = {"width": max(1, round(torque_step_s / step)), "step": torque_step_s}
-        value, covariance, rest = balance(*both, place, satellite, **options)
+        value, covariance, rest = balance(*series, place, satellite, **options)
         rows = cross_matrix(value * satellite["mass"]) / np.maximum(rest, 1e-30)[:, None]
         gain = np.linalg.eigvals(held[len(held) // 2] @ rows.T @ rows).real.max()  # with the rest as white noise
         values |= {"pressure": value, "pressure_covariance": covariance, "torque_residual": rest, "torque_gain": gain}
@@ -121,8 +121,8 @@ def uncontrolled_torque(
     angle, angle_dot, w, wd = (modelled[name].values[use] for name in ("angle", "angle_dot", "rate_b", "rate_dot_b"))
     fed_back = np.matvec(inertia, W**2 * angle + 2 * damping * W * angle_dot)
     gradient = gravity_gradient_torque(inertia, modelled["gradient_b"].values)
-    known = gradient + (modelled["torque"].values if "torque" in modelled else 0.0)
-    return np.matvec(inertia, wd) + np.cross(w, np.matvec(inertia, w)) - known + fed_back
+    modelled_torque = gradient + (modelled["torque"].values if "torque" in modelled else 0.0)
+    return np.matvec(inertia, wd) + np.cross(w, np.matvec(inertia, w)) - modelled_torque + fed_back
 
 
 def unsmoothed(modelled: xr.Dataset, method: str, sensors: slice | list, test_mass_inertia: np.ndarray) -> np.ndarray:
@@ -163,6 +163,7 @@ def balance(torque, drag_b, place, satellite, *, width, step):
     impulse[ORDER] = 1.0
 
     def solved(models):
+        """Centre of pressure (3,) m and its covariance, from equations whitened by a noise model for each axis."""
         normal, right = np.diag(1 / prior_sigma**2), prior / prior_sigma**2
         for k, one in enumerate(models):
             white = noise.whiten(one, columns[k], valid)
@@ -175,20 +176,17 @@ def balance(torque, drag_b, place, satellite, *, width, step):
 
     rng = np.random.default_rng(0)
     spectra = [_drawn_spectra(np.where(valid, one[:, 0], np.nan), one[:, 1:], step, rng) for one in columns]
-    each = [solved(models) for models in zip(*spectra, strict=True)]
-    value, covariance = each[0]
-    if len(each) > 1:
-        deviations = np.array([one - value for one, _ in each[1:]])
-        covariance = np.mean([one for _, one in each[1:]], axis=0) + deviations.T @ deviations / len(deviations)
+    solutions = [solved(models) for models in zip(*spectra, strict=True)]
+    value, covariance = solutions[0]
+    if len(solutions) > 1:
+        deviations = np.array([one - value for one, _ in solutions[1:]])
+        covariance = np.mean([one for _, one in solutions[1:]], axis=0) + deviations.T @ deviations / len(deviations)
     residual = np.stack([(one[:, 0] - one[:, 1:4] @ value)[valid] for one in columns], axis=1)
     return value, covariance, residual.std(axis=0)
 
 
 def _drawn_spectra(series, columns, step, rng):
-    """Noise models of a series (n,), columns (n, q) free: the likeliest, then DRAWS about it by its error.
-
-    Of a record too short for a spectrum white noise.
-    """
+    """Noise models of a series (n,), columns (n, q) free: the likeliest, then DRAWS by its error; white if short."""
     count = np.count_nonzero(np.isfinite(series))
     if count < 4 * LEAST_KNOTS * columns.shape[1]:
         return [noise.fit_noise([series], 0, step, removed=columns.shape[1])]
@@ -258,16 +256,16 @@ def combine(
     values["printed_rank"], values["printed_null"] = model.printed_pair(*vectors)
     one_sensor = drags[list(methods).index("one_sensor")]
     steps = model.joint(sensor, _arc(modelled, one_sensor, identifiability_epochs, identifiability_step_s, satellite))
-    known, ranks, sizes, sigmas = zip(*steps, strict=True)
-    values |= {"step": np.array(known), "step_rank": ranks, "step_unknowns": sizes, "step_sigma": sigmas}
+    knowledge, ranks, sizes, sigmas = zip(*steps, strict=True)
+    values |= {"step": np.array(knowledge), "step_rank": ranks, "step_unknowns": sizes, "step_sigma": sigmas}
     return build(SCHEMAS["combine"], values | {"unknown": np.array(model.UNKNOWNS)}, title="Drag by all methods")
 
 
 def _rms(values):
     """Root mean square (k,) of the finite values (k, n, 3) of each method, NaN where there are none."""
-    known = np.isfinite(values)
-    count = known.sum(axis=(1, 2))
-    return np.sqrt(np.where(count > 0, np.sum(values**2, axis=(1, 2), where=known), np.nan) / np.maximum(count, 1))
+    finite = np.isfinite(values)
+    count = finite.sum(axis=(1, 2))
+    return np.sqrt(np.where(count > 0, np.sum(values**2, axis=(1, 2), where=finite), np.nan) / np.maximum(count, 1))
 
 
 def _arc(modelled, one_sensor, epochs, spacing, satellite):

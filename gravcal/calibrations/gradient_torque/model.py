@@ -107,19 +107,19 @@ def gradient(
 
     sensors = {"one_sensor": [min(single_sensor, len(places)) - 1], "two_sensor": list(range(len(places)))}
     smoothed, covariance = [], []
-    for used in (sensors[name] for name in METHODS):
+    for sensor_numbers in (sensors[name] for name in METHODS):
         motion = attitude.smooth(
             time,
             quaternion,
-            observed["angular"].values[:, used].mean(axis=1),
+            observed["angular"].values[:, sensor_numbers].mean(axis=1),
             frame,
             free,
             angle_sigma=np.array(satellite["attitude_noise"]),
-            angular_sigma=density / np.sqrt(2 * float(np.median(np.diff(time))) * len(used)),
+            angular_sigma=density / np.sqrt(2 * float(np.median(np.diff(time))) * len(sensor_numbers)),
             knot_step=knot_step_s,
         )
         gradient_b = gravity.rotate_tensor(motion.R_bi, gradient_i)
-        errors = offset_tensor_error(motion.rate_b, gradient_b, places[used].mean(axis=0))
+        errors = offset_tensor_error(motion.rate_b, gradient_b, places[sensor_numbers].mean(axis=0))
         smoothed.append(motion)
         covariance.append(motion.covariance_of(*errors))
     values = {
@@ -167,11 +167,11 @@ def torque(
         refuse(known.name or "field", f"degree {known.degree}", f"at least highest_degree {highest_degree}", remedy)
     degrees = np.arange(lowest_degree, highest_degree + 1)
     test_mass, body = box_inertia(satellite, elongation), np.array(satellite["inertia"])
-    relative, own = np.zeros((2, degrees.size, len(position_e), 3))
+    relative, free_mass = np.zeros((2, degrees.size, len(position_e), 3))
     for k, degree in enumerate(degrees):
         tensor = gravity.rotate_tensor(R_be, gravity.gradient_e(gravity.zonal(known, degree), position_e))
         relative[k] = gradient_angular_acceleration(test_mass, body, tensor)
-        own[k] = free_mass_angular_acceleration(test_mass, tensor, np.zeros(3))
+        free_mass[k] = free_mass_angular_acceleration(test_mass, tensor, np.zeros(3))
     step = float(np.median(np.diff(time[every])))
     frequency, amplitude = amplitude_spectrum(relative, step)
     facing = np.array(satellite["panel_area"]) * np.maximum(np.array(satellite["panel_normal"])[:, 0], 0)  # flight: x
@@ -180,7 +180,7 @@ def torque(
         "frequency": frequency,
         "amplitude": np.moveaxis(amplitude, 1, 2),
         "rms": np.sqrt(np.mean(relative**2, axis=1)),
-        "test_mass_rms": np.sqrt(np.mean(own**2, axis=1)),
+        "test_mass_rms": np.sqrt(np.mean(free_mass**2, axis=1)),
         "inertia": body,
         "area_centre": centre_of_pressure(satellite["panel_area"], satellite["panel_centre"]),
         "facing_centre": centre_of_pressure(facing, satellite["panel_centre"]),
@@ -198,8 +198,8 @@ def amplitude_spectrum(series: np.ndarray, step: float) -> tuple[np.ndarray, np.
         series = series.copy()
         for place in np.ndindex(series.shape[:-2]):
             lost = missing[place]
-            for one in series[place].T if not lost.all() else ():
-                one[lost] = np.interp(index[lost], index[~lost], one[~lost])
+            for column in series[place].T if not lost.all() else ():
+                column[lost] = np.interp(index[lost], index[~lost], column[~lost])
     spectrum = np.fft.rfft(window * (series - series.mean(axis=-2, keepdims=True)), axis=-2)
     return np.fft.rfftfreq(n, step)[1:], np.abs(spectrum[..., 1:, :]) * 2 / window.sum()
 
@@ -383,9 +383,9 @@ def printed_pair(h, q_d):
 
 
 def joint(sensor, motion):
-    """Rank and errors of several epochs together, with one piece of knowledge after the other.
+    """Rank and drag errors of several epochs together, a list of steps that each add one piece of knowledge.
 
-    Each step is (what is known, rank, unknowns, sigma of the drag in the middle (3,), NaN if not determined). Unknowns
+    Each step is (name, rank, number of unknowns, sigma (3,) m s-2 of the middle drag, NaN if not determined). Unknowns
     of each epoch: drag, five elements of G, angular acceleration, torque beside gradient and drag; of all epochs:
     centre of pressure and place of the test mass. Equations: reading, angular reading, torque balance.
     """

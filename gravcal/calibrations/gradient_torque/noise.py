@@ -37,7 +37,7 @@ class Channel:
     rows: np.ndarray | None = None  #: (n, 1 + GLOBAL) whitened: observed, columns of the global parameters
 
     def whitened(self, added: np.ndarray) -> np.ndarray:
-        """Rows (n, q) of what is added at the epochs, (epochs, 3, q) m s-2, N m, rad s-2 of the angular reading."""
+        """Whitened rows (n, q) of additions (epochs, 3, q) m s-2, N m, or, for the attitude, angular rad s-2."""
         bins = np.nan_to_num(means(added, self.width))
         if self.models:
             bins = without_common(self.common, bins, self.good)
@@ -47,7 +47,7 @@ class Channel:
         return self.whitened_angles(angle, added.shape[2])
 
     def whitened_angles(self, angles: Sequence[np.ndarray], width: int) -> np.ndarray:
-        """Rows (n, q) of angles (k, 3, q) rad of each stretch."""
+        """Whitened rows (n, q) of angles (k, 3, q) rad of each stretch, `width` the number q."""
         rows = [np.zeros((0, width))]
         for angle, (_, _, lower) in zip(angles, self.stretches, strict=True):
             rows.append(solve_triangular(lower, angle.reshape(-1, width), lower=True))
@@ -60,8 +60,8 @@ class Channel:
             angles = [lower @ part for (*_, lower), part in zip(self.stretches, parts, strict=True)]
             return np.concatenate(angles).reshape(-1, 3, rows.shape[1])
         parts = rows.reshape(3, self.time.size, -1) * self.level.value.T[:, :, None]
-        each = [noise.unwhiten(model, part, self.good) for model, part in zip(self.models, parts, strict=True)]
-        together = np.nan_to_num(np.stack(each, axis=1))
+        unwhitened = [noise.unwhiten(model, part, self.good) for model, part in zip(self.models, parts, strict=True)]
+        together = np.nan_to_num(np.stack(unwhitened, axis=1))
         for one in reversed(self.common):
             together = one.taken_out(together, 1.0)
         return np.where(self.good[:, None, None], together, np.nan)
@@ -72,8 +72,8 @@ class Channel:
             time = np.tile(self.time, 3)
             return time, np.repeat([0, 1, 2], self.time.size), time
         time = np.repeat(np.concatenate([np.zeros(0), *(self.time[b:e] for b, e, _ in self.stretches)]), 3)
-        size = np.array([3 * (e - b) for b, e, _ in self.stretches], dtype=int)
-        return time, np.tile([0, 1, 2], time.size // 3), np.repeat([self.time[b] for b, _, _ in self.stretches], size)
+        counts = np.array([3 * (e - b) for b, e, _ in self.stretches], dtype=int)
+        return time, np.tile([0, 1, 2], time.size // 3), np.repeat([self.time[b] for b, _, _ in self.stretches], counts)
 
     def free(self, stretch: tuple) -> np.ndarray:
         """Whitened columns (3 k, 6) of the start angle and rate of the attitude of a stretch."""
@@ -182,9 +182,9 @@ def integrated(time: np.ndarray, R_bi: np.ndarray, rate_dot_b: np.ndarray) -> np
 def means(series: np.ndarray, width: int) -> np.ndarray:
     """Means (m, ...) of `width` neighbouring samples (n, ...), of those there are; NaN where there are none."""
     parts = series[: len(series) // width * width].reshape(-1, width, *series.shape[1:])
-    known = np.isfinite(parts)
-    count = known.sum(axis=1)
-    return np.where(count > 0, np.where(known, parts, 0.0).sum(axis=1), np.nan) / np.maximum(count, 1)
+    finite = np.isfinite(parts)
+    count = finite.sum(axis=1)
+    return np.where(count > 0, np.where(finite, parts, 0.0).sum(axis=1), np.nan) / np.maximum(count, 1)
 
 
 def channels_of(about, R_bi, observed, modelled, effects, settings) -> dict[str, Channel]:

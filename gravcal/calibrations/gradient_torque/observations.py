@@ -88,8 +88,8 @@ def _context(modelled, drag, R_bi, position, settings):
 
 def _of_degree(about, degree, order):
     """Context whose "tesseral_b" (n, 2, 3, 3) s-2 is the gravity gradient of C_nm = 1 and of S_nm = 1."""
-    both = tesseral(about.extra["position_e"], about.extra["R_be"], degree, order)
-    return replace(about, extra=about.extra | {"tesseral_b": both})
+    gradients = tesseral(about.extra["position_e"], about.extra["R_be"], degree, order)
+    return replace(about, extra=about.extra | {"tesseral_b": gradients})
 
 
 @dataclass(frozen=True)
@@ -112,7 +112,7 @@ class GradientTorque(Observations):
 
     @functools.cached_property
     def quiet(self) -> dict[str, float]:
-        """Bins with data of the difference of the sensors, {"linear": number}: noise is estimated beside candidates."""
+        """Bins with data of the difference of sensors, {"linear": number}: noise is estimated with candidates free."""
         return {name: float(one.good.sum()) for name, one in self.made.items() if name == "linear"}
 
     @property
@@ -148,9 +148,9 @@ class GradientTorque(Observations):
             local[channel == "attitude"] = block_diag(*own) if own else 0.0
             rows = rows[:, 0], rows[:, 1:], local, channel, axis, time
             stretches.append(Block(f"stretch {number}", *rows, level_error=errors))
-        known = self.prior
-        about = "prior", np.argmax(known[:, 1:] > 0, axis=1) % 3, np.arange(float(len(known)))
-        return [*stretches, Block.of("known beforehand", known[:, 0], *about, shared=known[:, 1:])]
+        prior = self.prior
+        about = "prior", np.argmax(prior[:, 1:] > 0, axis=1) % 3, np.arange(float(len(prior)))
+        return [*stretches, Block.of("known beforehand", prior[:, 0], *about, shared=prior[:, 1:])]
 
     def _columns(self, added):
         """Whitened columns (n, q) of every block from additions {channel: (n, 3, q)} SI; None of the prior's block."""
@@ -187,11 +187,11 @@ class GradientTorque(Observations):
             def columns(value, remembered=remembered):
                 return self._columns({channel: remembered(value[0])[:, None, None] * np.eye(3)})
 
-            known, bounds = np.array([tau]), (np.array([responses.SHORTEST_S]), np.array([responses.LONGEST_S]))
-            tried, words = np.outer((0.6, 1.0, 1.6), known), f"{channel}, {law.words}"
-            shape = Shape(law.names, ("s",), known, columns, tried, *bounds, words=words)
-            form = f"{channel}, {law.told(known)}"
-            yield replace(unknown("drag", form, columns(known), UNITS[channel], along(channel)), shape=shape)
+            constant, bounds = np.array([tau]), (np.array([responses.SHORTEST_S]), np.array([responses.LONGEST_S]))
+            start_values, words = np.outer((0.6, 1.0, 1.6), constant), f"{channel}, {law.words}"
+            shape = Shape(law.names, ("s",), constant, columns, start_values, *bounds, words=words)
+            form = f"{channel}, {law.told(constant)}"
+            yield replace(unknown("drag", form, columns(constant), UNITS[channel], along(channel)), shape=shape)
 
     def forms_of(self, entry: Entry) -> Iterable[Candidate]:
         """Candidates of the form of an entry; of a memory the one with its own constant."""
@@ -207,9 +207,9 @@ class GradientTorque(Observations):
         """
         extended = self.record.copy(deep=True)
         for entry in model:
-            known = effect(entry.cause) if entry.listed else None
-            if known and known.channel in ("torque_b", "dipole_b"):
-                torque = added_to_channels(self.about, known)["torque"] @ known.values(entry.values)
+            catalogued = effect(entry.cause) if entry.listed else None
+            if catalogued and catalogued.channel in ("torque_b", "dipole_b"):
+                torque = added_to_channels(self.about, catalogued)["torque"] @ catalogued.values(entry.values)
                 extended["torque"] = extended.get("torque", 0.0) + xr.DataArray(torque, dims=("time", "axis"))
                 extended["torque"].attrs |= {"units": "N m", "frame": "b", "long_name": "of effects that are taken out"}
                 continue
@@ -243,10 +243,10 @@ class GradientTorque(Observations):
         linear, angular = linear + added.get("linear", 0.0), angular + added.get("angular", 0.0)
         if known.channel == "linear_b":
             for k in range(sensors):
-                own = {n.removesuffix(f"_{k + 1}"): v for n, v in entry.values.items() if n.endswith(f"_{k + 1}")}
-                if own:
+                values = {n.removesuffix(f"_{k + 1}"): v for n, v in entry.values.items() if n.endswith(f"_{k + 1}")}
+                if values:
                     about = replace(self.about, linear_b=reading_of(self.about, k))
-                    linear[:, k] += known.contribution(about, known.values(own))
+                    linear[:, k] += known.contribution(about, known.values(values))
         return linear, angular
 
     def biased(self) -> list[Unobservable]:

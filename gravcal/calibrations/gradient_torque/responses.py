@@ -44,11 +44,11 @@ def drivers(about: Context) -> Iterator[tuple[str, str, np.ndarray]]:
     drag, rate = about.extra["non_gravitational_b"], about.rate_b - about.rate_b.mean(axis=0)
     for name, values in (("drag", drag), ("rate", rate), ("angular_acceleration", about.rate_dot_b)):
         for axis, letter in enumerate("xyz"):
-            one = values[:, axis] - values[:, axis].mean()
-            one = one / max(np.abs(one).max(), 1e-300)
+            component = values[:, axis] - values[:, axis].mean()
+            component = component / max(np.abs(component).max(), 1e-300)
             if name != "angular_acceleration":
-                yield name, f"component {letter}", one
-            yield name, f"square of {letter}", one**2
+                yield name, f"component {letter}", component
+            yield name, f"square of {letter}", component**2
     fastest = int(np.argmax(np.abs(about.rate_b.mean(axis=0))))
     argument = np.cumsum(about.rate_b[:, fastest] * np.diff(about.time, prepend=about.time[0]))  # along the orbit
     yield from (("latitude", *wave) for wave in waves(argument))

@@ -30,8 +30,8 @@ APART_S, NEAR_S, TURNING_HZ = 600, 150, (1 / 60, 1 / 8)
 
 def spikes(values: np.ndarray, half_width: int, limit: float) -> np.ndarray:
     """True for samples (n, m) more than `limit` robust sigmas from the running median of 2 half_width + 1 samples."""
-    away = np.abs(values - median_filter(values, size=(2 * half_width + 1, 1), mode="nearest"))
-    return away > limit * 1.4826 * np.maximum(np.median(away, axis=0), 1e-300)
+    distance = np.abs(values - median_filter(values, size=(2 * half_width + 1, 1), mode="nearest"))
+    return distance > limit * 1.4826 * np.maximum(np.median(distance, axis=0), 1e-300)
 
 
 def repaired(time: np.ndarray, values: np.ndarray, bad: np.ndarray) -> np.ndarray:
@@ -97,11 +97,11 @@ def clipped_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tu
         number[:, c] = np.bincount(bins, minlength=len(number))
         mean[:, c] = np.bincount(bins, samples, len(number)) / np.where(number[:, c] > 0, number[:, c], np.nan)
         for b in np.unique(bins[np.abs(samples - mean[bins, c]) > limit[c]]):
-            own = samples[slice(*np.searchsorted(bins, [b, b + 1]))]
-            away = own - np.median(own)  # a spike does not move it
-            near = np.abs(away) <= limit[c]
-            mean[b, c] = np.median(own) + away[near].sum() / max(near.sum(), 1)
-            number[b, c] = near.sum() or own.size
+            bin_samples = samples[slice(*np.searchsorted(bins, [b, b + 1]))]
+            distance = bin_samples - np.median(bin_samples)  # a spike does not move it
+            near = np.abs(distance) <= limit[c]
+            mean[b, c] = np.median(bin_samples) + distance[near].sum() / max(near.sum(), 1)
+            number[b, c] = near.sum() or bin_samples.size
     return mean, number
 
 
@@ -173,7 +173,7 @@ def _spans(time, inside, shortest):
 def align(
     detected: xr.Dataset, sensor: Callable, tracker: Callable, orbit: Callable, *, margin_s, spike_sigma, gap_limit_s
 ) -> xr.Dataset:
-    """Product of the first swing: voltages on an even grid without spikes and gaps, attitude, position.
+    """Product "inertial_sensor.align" of the first swing: even voltages without spikes and gaps, attitude, position.
 
     Sensor, tracker and orbit are functions (start, stop) -> records between two epochs. An EstimationError for a longer
     gap than gap_limit_s, or a record that does not reach over the swing.
@@ -243,7 +243,7 @@ def on_grid(time: np.ndarray, values: np.ndarray, grid: np.ndarray) -> np.ndarra
 def segment(
     detected: xr.Dataset, days: Sequence[tuple[Callable, Callable, Callable]], *, step_s, workers
 ) -> xr.Dataset:
-    """Product of the bins of all rolls, as of `reduced`, day by day, never all of the record in memory.
+    """Product "inertial_sensor.segment": bins of all rolls, as of `reduced`, day by day, not all in memory at once.
 
     The days are functions that read sensor, tracker and orbit of each, of which so many `workers` are held at a time.
     """
@@ -251,7 +251,7 @@ def segment(
     with ThreadPoolExecutor(workers) as pool:
         parts = list(pool.map(lambda day: reduced(*(read() for read in day), step_s), days))
     parts.sort(key=lambda part: part["time"][0] if part["time"].size else np.inf)
-    whole = {name: np.concatenate([part[name] for part in parts]) for name in SCHEMAS["segment"]}
-    time = whole["time"][:, None]
+    bins = {name: np.concatenate([part[name] for part in parts]) for name in SCHEMAS["segment"]}
+    time = bins["time"][:, None]
     inside = np.any((time >= spans[:, 0]) & (time <= spans[:, 1]), axis=1)
-    return build(SCHEMAS["segment"], {name: values[inside] for name, values in whole.items()})
+    return build(SCHEMAS["segment"], {name: values[inside] for name, values in bins.items()})

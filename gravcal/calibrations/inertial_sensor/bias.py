@@ -76,12 +76,12 @@ def sensor_of(swing: tuple[xr.Dataset, ...], assumed: Mapping) -> Sensor:
         covariance = np.diag((1e-6 * np.array(assumed["offset_sigma_um"])) ** 2)
         k, k_sigma = np.array(assumed["k"]), np.array(assumed["k_sigma"])
         return Sensor(k, k_sigma, 1e-6 * np.array(assumed["offset_um"]), covariance, covariance)
-    scaled, moved = swing
-    arm, choice = int(scaled.chosen_arm), int(moved.adopted)
+    scale_product, offset_product = swing
+    arm, choice = int(scale_product.chosen_arm), int(offset_product.adopted)
     return Sensor(
-        scaled.k.values[arm],
-        scaled.k_sigma_total.values[arm],
-        *(moved[name].values[choice] for name in ("offset", "covariance", "covariance_total")),
+        scale_product.k.values[arm],
+        scale_product.k_sigma_total.values[arm],
+        *(offset_product[name].values[choice] for name in ("offset", "covariance", "covariance_total")),
     )
 
 
@@ -190,7 +190,7 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
     """
     columns = design(axis, R_bo, model, phase)
     basis, triangle = np.linalg.qr(columns)
-    first = np.linalg.solve(triangle.T, np.eye(triangle.shape[0])[0])  # weights of the constant along the basis
+    weights = np.linalg.solve(triangle.T, np.eye(triangle.shape[0])[0])  # weights of the constant along the basis
     share = basis.T @ readings
     residual = readings - basis @ share
     variance = np.einsum("bm,bm->m", residual, residual) / (columns.shape[0] - columns.shape[1])
@@ -198,7 +198,7 @@ def solve_axis(axis: int, readings: np.ndarray, R_bo: np.ndarray, model: Model, 
     coefficient = np.linalg.solve(triangle, share)[model.trend_degree + 1 :]
     coefficient = coefficient[: 0 if axis == 1 else None].reshape(-1, mean.size, readings.shape[1])
     amplitude = np.einsum("c,jcm->jm", mean, coefficient)
-    return first @ share, np.sqrt(variance * (first @ first)), residual, amplitude
+    return weights @ share, np.sqrt(variance * (weights @ weights)), residual, amplitude
 
 
 def solve(bins: Mapping[str, np.ndarray], sensor: Sensor, model: Model, segment_s: float, limits) -> Segments:
@@ -302,7 +302,7 @@ def estimates(solved: Segments, sensor: Sensor) -> dict:
 
 
 def spectra(bins: Mapping[str, np.ndarray], solved: Segments, sensor: Sensor, k_z_before: float, segment_s) -> dict:
-    """Amplitude spectra {"frequency": (f,) Hz, "density": (3, f)} of z: old factor, new one, motion and drag off too.
+    """Amplitude spectra {"frequency": (f,) Hz, "density": (3, f)} of z: by old factor, by new, less motion and drag.
 
     Notes
     -----

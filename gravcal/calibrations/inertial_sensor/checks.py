@@ -138,14 +138,14 @@ def _torque(sensor, tracker, orbit, beta, inertia):
 def _pointing(time, quaternion, orbit, rolling):
     """Largest angle rad from the flight attitude; where rolling (n,) about y, angle of y from the orbit normal."""
     state = np.concatenate([orbit["position"], orbit["velocity"]], axis=1)
-    known = np.linalg.norm(np.cross(state[:, :3], state[:, 3:]), axis=1) > 0
-    if not known.any():
+    valid = np.linalg.norm(np.cross(state[:, :3], state[:, 3:]), axis=1) > 0
+    if not valid.any():
         return np.nan
-    covered = (time >= orbit["time"][known][0]) & (time <= orbit["time"][known][-1])
+    covered = (time >= orbit["time"][valid][0]) & (time <= orbit["time"][valid][-1])
     covered &= np.linalg.norm(quaternion, axis=1) > 0.5
     if not covered.any():
         return np.nan
-    state = lines_between(time[covered], orbit["time"][known], state[known])
+    state = lines_between(time[covered], orbit["time"][valid], state[valid])
     R_bo = frames.R_bi_from_quaternion(quaternion[covered]) @ np.swapaxes(frames.flight_frame(state), 1, 2)
     cosine = np.trace(R_bo, axis1=1, axis2=2) / 2 - 0.5
     return np.arccos(np.clip(np.where(rolling[covered], R_bo[:, 1, 1], cosine), -1, 1)).max()

@@ -250,7 +250,7 @@ def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
 
 
 def filtered_readouts(aligned: xr.Dataset) -> tuple[float, np.ndarray, np.ndarray]:
-    """Sampling s, and the six readouts (n, 6) V before and after the CRN filter of the published method; no means."""
+    """Sampling s, and the six readouts (n, 6) V before and after the CRN filter of the published method; means removed."""
     time = aligned.time.values
     step = float(np.median(np.diff(time)))
     readout = electrodes.readouts(aligned.volts.values)
@@ -287,7 +287,7 @@ class Record:
 
 
 def offset(aligned: xr.Dataset, scaled: xr.Dataset, *, method, quiet_margin_s, drift_degree, noise_order) -> xr.Dataset:
-    """Offset of one swing from "inertial_sensor.align" and "inertial_sensor.scale"; method "gravcal" or "published"."""
+    """Product "inertial_sensor.offset" of one swing, from its "align" and "scale"; method "gravcal" or "published"."""
     record = record_of(aligned, scaled, quiet_margin_s, drift_degree, noise_order)
     k = scaled.k.values[int(scaled.chosen_arm)]
     tensor = published_offset_matrix if method == "published" else sensing.offset_tensor

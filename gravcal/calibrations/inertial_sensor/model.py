@@ -47,7 +47,7 @@ class Swing:
 
     @property
     def unit_time(self) -> np.ndarray:
-        """(n,) from -1 to 1."""
+        """(n,) sensor epochs on a scale from -1 to 1."""
         return 2 * (self.time - self.time[0]) / (self.time[-1] - self.time[0]) - 1
 
 
@@ -126,7 +126,7 @@ def predict(swing: Swing, unknowns: Unknowns, before: Motion) -> Motion:
 
 
 def residual_and_columns(swing: Swing, unknowns: Unknowns, motion: Motion) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Measured minus predicted attitude (b, 3) rad, its columns (b, 3, 15), means over the bins, and samples in each.
+    """Bin means of measured minus predicted attitude (b, 3) rad, of its columns (b, 3, 15), and samples in bins (b,).
 
     The residual is the rotation from the predicted to the measured attitude; columns are rad per unit of factors,
     delay, then angle, rate, constant, slope of x, y, z.
@@ -145,7 +145,7 @@ def residual_and_columns(swing: Swing, unknowns: Unknowns, motion: Motion) -> tu
 
 
 def angle_columns(swing: Swing, motion: Motion) -> np.ndarray:
-    """Change of the attitude with factors, start angle and rate, constant and slope (n, 3, 14) rad per unit."""
+    """Partial derivatives (n, 3, 14) rad of the attitude by factors, start angle and rate, constant and slope."""
     identity = np.eye(3)
     identities = np.broadcast_to(identity, (swing.time.size, 3, 3))
     volts = np.zeros((swing.time.size, 3, FACTORS))

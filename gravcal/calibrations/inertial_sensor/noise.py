@@ -45,8 +45,8 @@ def cubic(count: int) -> np.ndarray:
 def spectra_of(blocks: list[np.ndarray], step_s: float) -> tuple[Spectrum, ...]:
     """Spectra of the axes of quiet blocks (n, 3) less a cubic each, down to the length of one, with their errors."""
     knots = np.geomspace(1 / (step_s * max(map(len, blocks))), 0.5 / step_s, READING_KNOTS)
-    each = ([(one[:, a], cubic(len(one))) for one in blocks] for a in range(3))
-    return tuple(noise.fit_spectrum(one, step_s, knots, noise.STEADY) for one in each)
+    by_axis = ([(one[:, a], cubic(len(one))) for one in blocks] for a in range(3))
+    return tuple(noise.fit_spectrum(one, step_s, knots, noise.STEADY) for one in by_axis)
 
 
 def of_tracker(
@@ -58,11 +58,11 @@ def of_tracker(
     A polynomial stands for the motion, below the lowest knot of the spectrum; a bin that is not full has another epoch.
     """
     covariance, samples = np.eye(1, count)[np.zeros(3, dtype=int)], max(np.max(number) for _, number in bins)
-    whole = [np.where((number == samples)[:, None], values, np.nan) for values, number in bins if len(number) > 100]
-    whole = [one for one in whole if np.isfinite(one).all(axis=1).mean() > 0.9]
+    full_bins = [np.where((number == samples)[:, None], values, np.nan) for values, number in bins if len(number) > 100]
+    full_bins = [one for one in full_bins if np.isfinite(one).all(axis=1).mean() > 0.9]
     knots = np.geomspace(MOTION_HZ, 0.5 / step_s, KNOTS)
-    for axis in range(3 if whole else 0):
-        parts = [(values[:, axis], len(values), int(2 * len(values) * step_s * MOTION_HZ)) for values in whole]
+    for axis in range(3 if full_bins else 0):
+        parts = [(values[:, axis], len(values), int(2 * len(values) * step_s * MOTION_HZ)) for values in full_bins]
         rows = [(one, least_squares.polynomial(np.arange(n), degree, 0, n - 1)) for one, n, degree in parts]
         spectrum = noise.fit_spectrum(rows, step_s, knots)
         deviation = spectrum.log_density - spectrum.log_density.mean()
@@ -77,9 +77,9 @@ def of_segments(
 ) -> tuple[list[NoiseModel], np.ndarray]:
     """Noise models of the axes of a roll, sums of power laws, and its residual whitened with them, (s b, 3).
 
-    It is fitted to periodograms of all segments, those that touch joined, of what is left (s, b, 3) beside columns of
-    each axis and segment (b, p) and shared ones (s, b, f); power laws are drawn and go through the same, and go on
-    where the columns leave nothing. Constants and trends are noise here, a jump is none. Bins (s, b) are counted.
+    They fit periodograms of all segments, those that touch joined, of readings left (s, b, 3) less local columns (b, p)
+    of each axis and segment and shared ones (s, b, f); simulated power laws pass the same projection, and go on where
+    it leaves nothing. Constants and trends are noise here, a jump is none. Count (s, b) holds the numbers of the bins.
     """
     joined = np.split(np.arange(len(count)), np.flatnonzero(np.diff(count[:, 0]) > count.shape[1]) + 1)
     parts = (_of_axis(left[:, :, a, None], local[a], shared, count, joined, step_s) for a in range(3))
@@ -93,14 +93,14 @@ def _of_axis(left, local, shared, count, joined, step_s):
     project = lambda values: np.stack([v - q @ (q.T @ v) for v, q in zip(values, bases, strict=True)])  # noqa: E731
 
     def beside(places):
-        """Function values (s, b, d) -> what is left beside all columns and jumps, in runs of segments (n, d)."""
+        """Function values (s, b, d) -> residuals after all columns and jumps at places, (n, d) of each joined run."""
         forms = np.concatenate([shared, noise.jump_columns(count.size, places).reshape(*count.shape, -1)], axis=2)
         basis = least_squares.orthonormal(project(forms).reshape(count.size, -1), 1e-6)
 
         def clean(values):
             flat = project(values).reshape(count.size, -1)
-            rest = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
-            return [rest[run].reshape(-1, values.shape[2]) for run in joined]
+            residual = (flat - basis @ (basis.T @ flat)).reshape(values.shape)
+            return [residual[run].reshape(-1, values.shape[2]) for run in joined]
 
         return clean
 

@@ -76,8 +76,8 @@ def observe(
 def off_the_orbit(aligned: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Every five seconds time s, angle rad by which attitudes lie behind the orbit, and its rate rad s-1, (n,) each."""
     orbit, position = (aligned[name].values for name in ("time", "position_i"))
-    known = np.flatnonzero(np.isfinite(position).all(axis=1))[::50]
-    orbit, position = orbit[known], position[known]
+    valid = np.flatnonzero(np.isfinite(position).all(axis=1))[::50]
+    orbit, position = orbit[valid], position[valid]
     state = np.column_stack([position, np.gradient(position, orbit, axis=0)])
     near = np.unique(np.clip(np.searchsorted(aligned["time_att"].values, orbit), 0, aligned.sizes["time_att"] - 1))
     time, quaternion = aligned["time_att"].values[near], aligned["quaternion"].values[near]
@@ -223,10 +223,10 @@ class InertialSensor(records.Observations):
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
         """Time (m,) s, reading (m, 3) that the baseline predicts, rows of the whole record in its unit (q, m, 3)."""
         time, axis, names = (np.concatenate([getattr(b, n) for b in self.blocks]) for n in ("time", "axis", "channel"))
-        here = names == channel
+        inside = names == channel
         if channel in SwingView.channels:
-            return self.swing.reading(channel, rows[here])
-        return self.roll.reading_of(rows[here][np.lexsort((time[here], axis[here]))])
+            return self.swing.reading(channel, rows[inside])
+        return self.roll.reading_of(rows[inside][np.lexsort((time[inside], axis[inside]))])
 
     def without(self, model: Sequence[records.Entry]) -> xr.Dataset:
         """Record of the swing, of the roll where there is no other, without the effects of a model."""

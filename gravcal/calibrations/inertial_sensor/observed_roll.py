@@ -55,7 +55,7 @@ class RollView:
 
     @functools.cached_property
     def wander(self) -> np.ndarray:
-        """Standard deviation (3,) m s-2 of the constants about a straight line, as large as it may be.
+        """Standard deviation (3,) m s-2 of the constants about a straight line, neighbours correlated by ALIKE.
 
         The bias remembers hours, so that a dozen segments show less of its wander than there is, and more of a slope.
         """
@@ -88,9 +88,9 @@ class RollView:
 
         The last three, which hold the constants, are zero.
         """
-        (models, level), whole = self.noise, np.ones(added.shape[1], dtype=bool)
+        (models, level), valid = self.noise, np.ones(added.shape[1], dtype=bool)
         level = level.value.reshape(*self.time.shape, 3).swapaxes(1, 2).reshape(len(self.time), -1, 1)[first:]
-        white = [whitened(models, one, whole) / amplitude for one, amplitude in zip(added, level, strict=False)]
+        white = [whitened(models, one, valid) / amplitude for one, amplitude in zip(added, level, strict=False)]
         return [np.concatenate([one, np.zeros((3, added.shape[3]))]) for one in white]
 
     def blocks(self, parameters: Sequence[str], width: int, *, alone: bool) -> list[Block]:
@@ -106,11 +106,11 @@ class RollView:
             shared.append(-self.steady[..., None] * factors)
             places += [parameters.index(name) for name in ("beta_x", "beta_yz", "k_y")]
         shared = np.concatenate(shared, axis=3)
-        each = self.rows(np.concatenate([residual[..., None], shared], axis=3))
+        whitened_rows = self.rows(np.concatenate([residual[..., None], shared], axis=3))
         channel = np.array([CHANNEL] * 3 * size + [CONSTANT] * 3)
         axis = np.append(np.repeat([0, 1, 2], size), [0, 1, 2])
         blocks = []
-        for s, (time, rows) in enumerate(zip(self.time, each, strict=True)):
+        for s, (time, rows) in enumerate(zip(self.time, whitened_rows, strict=True)):
             columns = np.zeros((len(rows), width))
             columns[:, places] = rows[:, 1:]
             local_columns = np.zeros((size, 3, sum(design.shape[1] for design in self.designs[s])))
@@ -172,8 +172,8 @@ class RollView:
     def series(self) -> list[tuple[str, str, np.ndarray]]:
         """Regressors of the readings: driver, form, and values (s, b), of waves (s, b, 2), near one in size."""
         names = "the roll angle", "twice the roll angle", "three times the roll angle"
-        turned = [np.stack([(self.turn**n).real, (self.turn**n).imag], axis=2) for n in (1, 2, 3)]
-        rows = [("attitude", f"wave of {name}", wave) for name, wave in zip(names, turned, strict=True)]
+        angle_waves = [np.stack([(self.turn**n).real, (self.turn**n).imag], axis=2) for n in (1, 2, 3)]
+        rows = [("attitude", f"wave of {name}", wave) for name, wave in zip(names, angle_waves, strict=True)]
         record = self.products["segment"]
         motion = np.sqrt(np.linalg.norm(record["gradient_b"].values, axis=(1, 2)) / np.sqrt(6))  # |G| = sqrt(6) n^2
         rows += [("latitude", *one) for one in waves(np.nanmean(motion) * (self.time - float(record["time"][0])))]
@@ -185,9 +185,9 @@ class RollView:
 
     def reading_of(self, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time (n,) s, linear reading (n, 3) m s-2 of the baseline, whitened rows (3 n, q) in its unit (q, n, 3)."""
-        (models, level), whole = self.noise, np.ones(self.time.shape[1], dtype=bool)
+        (models, level), valid = self.noise, np.ones(self.time.shape[1], dtype=bool)
         each = rows.reshape(3, *self.time.shape, -1) * level.value.T.reshape(3, *self.time.shape, 1)
-        columns = [[unwhiten(models[a], one, whole) for one in each[a]] for a in range(3)]
+        columns = [[unwhiten(models[a], one, valid) for one in each[a]] for a in range(3)]
         columns = np.moveaxis(np.array(columns).reshape(3, self.time.size, -1), (2, 1, 0), (0, 1, 2))
         model = np.matvec(self.tensor, self.start[3:]) - self.start[:3]
         return self.time.ravel(), model.reshape(-1, 3), columns
@@ -227,9 +227,9 @@ def view_of_segments(products: Mapping[str, xr.Dataset], settings: Mapping, used
         phase = segments.orbital_phase(bins["gradient_b"][s], step)
         designs.append([segments.design(axis, R_bo, model, phase) for axis in range(3)])
         for axis, design in enumerate(designs[-1]):
-            size = np.linalg.lstsq(design, (reading - term)[s, :, axis], rcond=None)[0]
+            coefficient = np.linalg.lstsq(design, (reading - term)[s, :, axis], rcond=None)[0]
             trend = model.trend_degree + 1
-            turning[s, :, axis] += design[:, trend:] @ size[trend:]
+            turning[s, :, axis] += design[:, trend:] @ coefficient[trend:]
     start = np.concatenate([products["bias"]["bias"].values, sensor.offset])
     return RollView(
         products,

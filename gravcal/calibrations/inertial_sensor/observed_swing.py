@@ -78,20 +78,20 @@ class SwingView:
         return noise.whitened(self.record.noise, reading / self.k[:, None], self.good)
 
     def spread(self, values: np.ndarray) -> np.ndarray:
-        """Values (b, ...) in the swing as those of all bins (w, ...), zero in the quiet data."""
-        whole = np.zeros((self.time.size, *values.shape[1:]))
-        whole[self.inside] = values
-        return whole
+        """Values (b, ...) of the swing among those of all bins (w, ...), zero in the quiet data."""
+        all_bins = np.zeros((self.time.size, *values.shape[1:]))
+        all_bins[self.inside] = values
+        return all_bins
 
     def blocks(self, parameters: Sequence[str]) -> list[Block]:
         """A block for each channel; global columns: parameters, start values of the attitude, drifts of readings."""
         record, system, tensor = self.record, self.system, np.nan_to_num(self.tensor)
         attitude = np.column_stack([system.residual, system.design])
-        drift, moved = on_axes(self.trend), np.matvec(tensor, self.start[3:6])
-        residual = self.k * np.nan_to_num(self.volt) - self.spread(moved)
+        drift, offset_term = on_axes(self.trend), np.matvec(tensor, self.start[3:6])
+        residual = self.k * np.nan_to_num(self.volt) - self.spread(offset_term)
         # a_x determines p_z, then a_y the factor of a_y; those of a_z and a_x, and the turning, follow beta
         factors = np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]]) / np.append(self.start[:2], self.k[1])
-        term = -moved[:, :, None] * factors
+        term = -offset_term[:, :, None] * factors
         turning = np.nan_to_num(record.rate_dot_b)[:, :, None] * np.eye(2)[fits.OWNER] / self.start[:2]
         term[:, :, :2] += np.cross(turning, self.start[3:6, None], axisa=1, axisb=0, axisc=1)
         swung = self.spread(np.concatenate([term[:, :, :2], tensor, term[:, :, 2:]], axis=2))
@@ -148,19 +148,19 @@ class SwingView:
         coefficient = np.linalg.lstsq(record.trend[good], drift, rcond=None)[0]
         gradient = fits.interpolated(record.time, np.nan_to_num(record.gradient_b), swing.time)
         trend = fits.interpolated(record.time, record.trend @ coefficient, swing.time)
-        known = {"rate_b": self.motion.rate_b, "rate_dot_b": self.rate_dot_b, "gradient_b": gradient}
-        known["linear_b"] = trend + np.matvec(sensing.offset_tensor(*known.values()), place)
-        known["angular_b"] = self.rate_dot_b
+        signals = {"rate_b": self.motion.rate_b, "rate_dot_b": self.rate_dot_b, "gradient_b": gradient}
+        signals["linear_b"] = trend + np.matvec(sensing.offset_tensor(*signals.values()), place)
+        signals["angular_b"] = self.rate_dot_b
         turning = (self.rate_dot_b - self.rate_dot_b.mean(axis=0)) / self.unknowns.factors[fits.OWNER]
         turning = swing.angular_volt.mean(axis=0) + turning
-        extra = {"volts": electrodes.volts(np.concatenate([known["linear_b"] / self.k, turning], axis=1))}
-        known["linear_b"] = known["linear_b"] - trend.mean(axis=0)
-        extra["displacement_b"] = -known["linear_b"] / electrodes.LOOP**2
+        extra = {"volts": electrodes.volts(np.concatenate([signals["linear_b"] / self.k, turning], axis=1))}
+        signals["linear_b"] = signals["linear_b"] - trend.mean(axis=0)
+        extra["displacement_b"] = -signals["linear_b"] / electrodes.LOOP**2
         if time is not None:
             at = np.clip(time, swing.time[0], swing.time[-1])
             moved = lambda one: {name: fits.interpolated(swing.time, v, at) for name, v in one.items()}  # noqa: E731
-            known, extra = moved(known), moved(extra)
-        return Context(swing.time if time is None else time, epoch=record.time[0], extra=extra, **known)
+            signals, extra = moved(signals), moved(extra)
+        return Context(swing.time if time is None else time, epoch=record.time[0], extra=extra, **signals)
 
     def binned(self, values: np.ndarray) -> np.ndarray:
         """Means (b, ...) over the bins of values (n, ...) at the epochs of the sensor, zero where empty."""
@@ -181,7 +181,7 @@ class SwingView:
     def reading(self, channel: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Time s, reading (b, 3) of a channel as the fit predicts it, and its rows (r, q) in that unit (q, b, 3).
 
-        The linear reading, m s-2, is that of the offset; the attitude, rad, the rotation beside that at a mean rate.
+        The linear reading, m s-2, is that of the offset; the attitude, rad, the rotation less that at the mean rate.
         """
         if channel == "attitude":
             return self._attitude_reading(rows)
@@ -192,7 +192,7 @@ class SwingView:
         return self.time, model, np.moveaxis(np.stack(columns, axis=1), 2, 0)
 
     def _attitude_reading(self, rows):
-        """Time (b,) s, rotation (b, 3) rad beside that at a mean rate, and whitened rows (r, q) in rad, (q, b, 3)."""
+        """Time (b,) s, rotation (b, 3) rad less that at the mean rate, and whitened rows (r, q) in rad, (q, b, 3)."""
         record, valid = self.record, self.system.valid
         columns = np.full((rows.shape[1], valid.size), np.nan)
         columns[:, valid] = (self.system.lower @ rows).T

@@ -23,10 +23,7 @@ SHOWN = 1 / 3  # largest relative error of a k_y that a swing shows: beyond, its
 
 
 def report(*products, event, names, settings, published):
-    """Report product of one event and its files {name: text}, from products by their names.
-
-    These are "detect" and, as there are, "align", "scale", "offset", "bias", "checks"; published records by section.
-    """
+    """Report product and files {name: text} of an event; products by names, records of the catalogue by section."""
     named = dict(zip(names, products, strict=True))
     tests = [*of_product(named["checks"]), *checks.result(named, settings)] if "checks" in named else []
     body, sections = _result(named, settings), partial(_sections, published=published)
@@ -205,17 +202,17 @@ def _factors(document, published):
     return WORDS.table("factors", rows)
 
 
-def _measured(own):
+def _measured(block):
     """Text of a value with its sigma and total sigma, from a block of the document or None."""
-    if not own or own["value"] is None:
+    if not block or block["value"] is None:
         return "not determined"
-    total = f" ({own['sigma_total']:.1e})" if own.get("sigma_total") is not None else ""
-    return f"{own['value']:.4e} ± {own['sigma']:.1e}{total}"
+    total = f" ({block['sigma_total']:.1e})" if block.get("sigma_total") is not None else ""
+    return f"{block['value']:.4e} ± {block['sigma']:.1e}{total}"
 
 
 def _arms(document):
-    used = f"{document['swing']['arm_x_mm']:.2f} mm"
-    arms = {name + " (used)" * (name == used): one for name, one in document["swing"]["arms"].items()}
+    chosen = f"{document['swing']['arm_x_mm']:.2f} mm"
+    arms = {name + " (used)" * (name == chosen): one for name, one in document["swing"]["arms"].items()}
     return WORDS.table("arms", [[name, _measured(one["x"]), _measured(one["z"])] for name, one in arms.items()])
 
 
@@ -228,6 +225,7 @@ def _factor_budget(document):
 
 
 def _offsets(document, published):
+    """Table of the offset: printed, and ours with and without a_y, with sigma and total sigma."""
     known, rows = _by_axis(published, "com_offset"), []
     for index, axis in enumerate(AXES):
         own = ([document["swing"][name][key][index] for key in ("value", "sigma", "sigma_total")] for name in OFFSETS)
@@ -250,6 +248,7 @@ def _offset_budget(document):
 
 
 def _bias(document, published):
+    """Table of the bias: printed, and ours with sigma and total sigma."""
     roll, known, rows = document["roll"], _by_axis(published, "bias"), []
     for index, axis in enumerate(AXES):
         printed = f"{known[axis][0]:.4e} ± {known[axis][1]:.1e}" if axis in known else NOT_DETERMINED
@@ -350,6 +349,7 @@ def _segments(panels, biased):
 
 @WORDS.figure("bias")
 def _z_spectrum(panel, biased):
+    """Amplitude spectra of the z axis with old and new factor, and with motion, drag and trend taken off."""
     names = ("factor of the ground", "factor of the swing", "and motion, drag, trend taken off")
     for row, colour, name in zip(biased.density.values, ("grey", "sky", "vermilion"), names, strict=True):
         panel.loglog(biased.frequency.values, row, color=COLOURS[colour], label=name)

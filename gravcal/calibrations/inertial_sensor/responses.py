@@ -46,8 +46,8 @@ def of_swing(view: SwingView) -> list[Candidate]:
     for driver, form, values, tau in _series(view, about):
         added = _at(view.time, about.time, values, tau)
         added[view.inside] = view.binned(values)
-        linear, turned = view.linear_rows(on_axes(added)), -view.turned_rows(on_axes(values))
-        read = ("linear", view.cut(linear=linear), "m s-2"), ("angular", view.cut(attitude=turned), "rad s-2")
+        linear, angular = view.linear_rows(on_axes(added)), -view.turned_rows(on_axes(values))
+        read = ("linear", view.cut(linear=linear), "m s-2"), ("angular", view.cut(attitude=angular), "rad s-2")
         candidates += [unknown(driver, f"{name} reading, {form}", c, unit, along(name)) for name, c, unit in read]
     return candidates
 
@@ -91,9 +91,9 @@ def step(epoch: float, columns: list[np.ndarray | None]) -> Candidate:
     return Candidate(at_epoch(STEP, epoch), f"time {epoch:.1f} s", ["x", "y", "z"], ["m s-2"] * 3, columns)
 
 
-def _at(time, own, values, tau):
-    """Values (n,) at `own` times (n,) s, interpolated to others; zero before, decaying with memory tau s behind."""
-    return np.interp(time, own, values, left=0.0) * np.exp(-np.clip(time - own[-1], 0, None) / tau)
+def _at(time, epochs, values, tau):
+    """Values (n,) at `epochs` (n,) s, interpolated to times s; zero before, decaying with memory tau s behind."""
+    return np.interp(time, epochs, values, left=0.0) * np.exp(-np.clip(time - epochs[-1], 0, None) / tau)
 
 
 def _series(view, about) -> list[tuple[str, str, np.ndarray, float]]:
@@ -107,9 +107,9 @@ def _series(view, about) -> list[tuple[str, str, np.ndarray, float]]:
         rows += [(name, *one, REST) for one in products(values)]
         rows += [(name, f"size of {a}", np.abs(values[:, i]), REST) for i, a in enumerate("xyz")]
         rows += [(name, f"cube of {a}", values[:, i] ** 3, REST) for i, a in enumerate("xyz")]
-    size = np.abs(np.nan_to_num(rate)) / max(np.nanmax(np.abs(rate)), 1e-30)
+    rate_size = np.abs(np.nan_to_num(rate)) / max(np.nanmax(np.abs(rate)), 1e-30)
     for tau, (i, a) in itertools.product(MEMORIES_S, enumerate("xyz")):
-        rows.append(("rate", f"memory of {tau:g} s of the size of {a}", lagged(about.time, size[:, i], tau), tau))
+        rows.append(("rate", f"memory of {tau:g} s of the size of {a}", lagged(about.time, rate_size[:, i], tau), tau))
     since = np.clip(about.time - view.record.time[0], 0, None)
     return rows + [("time", f"decay of {t:g} s", np.exp(-since / t), t) for t in (10.0, 30.0, 90.0)]
 
@@ -148,7 +148,7 @@ def swing_without(view: SwingView, model: Sequence[Entry]) -> xr.Dataset:
 
 
 def distortion(entry: Entry, about: Context, recorded: np.ndarray) -> np.ndarray:
-    """What an entry has added (n, 6) V to recorded voltages (n, 6) V, by its law of those that it acted on.
+    """Voltages (n, 6) V that an entry has added to the recorded ones, by its law of the undistorted ones.
 
     Beyond the reading itself the law of a square has no way back: its share is limited to that.
     """
@@ -160,7 +160,7 @@ def distortion(entry: Entry, about: Context, recorded: np.ndarray) -> np.ndarray
 
 
 def _place_without(view, model):
-    """Offset (3,) m that the readings along x and z show without a model, which in turn follows from the offset.
+    """Offset (3,) m by the readings along x and z less the effects of a model, which in turn depend on the offset.
 
     With a coupling of a quarter the offset of the readings as they are makes an eighth of it wrong.
     """

@@ -27,8 +27,8 @@ def of_inputs(
 ) -> xr.Dataset:
     """Checks of orbits, attitudes and ranging against each other.
 
-    Ranges and rates are the observables of both; orbits all products of both satellites, those not used included;
-    nominal_m (2, 3) m the phase centres of the catalogue.
+    Ranges and rates are "kbr_phase_centre.observable" of range and range rate; orbits are files of both satellites, of
+    every product, those not used included; nominal_m (2, 3) m are the phase centres of the catalogue.
     """
     nominal = np.asarray(nominal_m, dtype=float).reshape(2, 3)
     height = np.linalg.norm(aligned["position_i"].values, axis=-1) - constants.EARTH_RADIUS
@@ -94,7 +94,7 @@ def _of_pointing(aligned, pointed, limits):
 
 
 def roll(position_i: np.ndarray, quaternion: np.ndarray, line_of_sight_b: np.ndarray) -> np.ndarray:
-    """Angle (n,) rad about the line of sight between z of the body and down."""
+    """Roll angle (n,) rad about the line of sight between z of the body and down, NaN where unknown."""
     result = np.full(len(position_i), np.nan)
     known = np.isfinite(quaternion).all(axis=1) & np.isfinite(position_i).all(axis=1)
     down = np.matvec(frames.R_bi_from_quaternion(quaternion[known]), -position_i[known])

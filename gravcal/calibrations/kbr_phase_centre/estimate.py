@@ -98,8 +98,7 @@ def solve(
 ) -> xr.Dataset:
     """Product "kbr_phase_centre.solve": phase centres from "range", "range_rate" or "range_acceleration".
 
-    The method "published" makes the choices of the source paper; x is held at nominal_m (2, 3) m in the sub-sets that
-    fix it.
+    The method "published" makes the choices of the source paper; sub-sets that fix x hold it at nominal_m (2, 3) m.
     """
     derivative = OBSERVABLES.index(variant)
     nominal = np.asarray(nominal_m, dtype=float).reshape(6)
@@ -125,8 +124,7 @@ def solve(
 def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: int, highest_hz: float) -> list[Arc]:
     """Whitened manoeuvres, those with more epochs than unknowns; an EstimationError for one of more than `LONGEST`.
 
-    The polynomial that takes up slow orbit errors of the range has a degree lower by one for each derivative;
-    satellites move up to `highest_hz`.
+    The polynomial of slow orbit errors has a degree lower by one for each derivative; satellites move to `highest_hz`.
     """
     indices = of_manoeuvres(equations)
     largest = max((index.size for index in indices), default=0)
@@ -184,7 +182,11 @@ def published_arcs(equations: xr.Dataset, derivative: int, trim_s: float) -> lis
 
 
 def _subset(name, parts, sign, nominal, constants, band):
-    """Phase centres (2, 6) m of a sub-set of arcs by least squares and robust, and their errors, {variable: array}."""
+    """Phase centres of a sub-set of arcs by least squares and robust estimation, {variable: array}.
+
+    Name is one of SUBSETS, sign (k,) that of the offset of each arc, nominal (6,) m, constants k0 and k1 of weights,
+    band lowest and highest Hz and step s, None for no scaling. The first axis of centre and errors is the estimator.
+    """
     result = {
         "centre": np.full((2, 6), np.nan),
         "covariance": np.full((2, 6, 6), np.nan),
@@ -295,8 +297,8 @@ def combine(
     # mirror set: at first order in the amplitude x and the transverse component have proportional columns
     values["predicted_shift"], tangent = np.full_like(values["shift"], np.nan), np.tan(np.radians(offset_deg))
     for row, sign in ((SUBSETS.index("positive"), 1.0), (SUBSETS.index("mirror"), -1.0)):  # Table 5, erratum K-2
-        moved = sign * tangent * values["shift"][:, row, ::3]
-        values["predicted_shift"][:, row, 1::3], values["predicted_shift"][:, row, 2::3] = moved, -moved
+        predicted = sign * tangent * values["shift"][:, row, ::3]
+        values["predicted_shift"][:, row, 1::3], values["predicted_shift"][:, row, 2::3] = predicted, -predicted
     values |= {name: solved[0][name].values for name in MANOEUVRE}
     attrs = {"adopted_observable": adopted_observable, "adopted_estimator": adopted_estimator}
     attrs |= {"observables": " ".join(one.attrs["observable"] for one in solved)}
@@ -307,10 +309,7 @@ def combine(
 def with_model_error(
     combined: xr.Dataset, *moved: xr.Dataset, determined_limit_mm: float, added: str = ""
 ) -> xr.Dataset:
-    """Combined product with the errors of the effects taken out of the records before in its covariances.
-
-    One moved "kbr_phase_centre.combine" for each direction of the model's errors; added as of `schemas.widened`.
-    """
+    """Combined product with model errors in its covariances; moved: one for each direction; added as of `widened`."""
     new = widened(combined, moved, {"centre": ("covariance",)}, added)
     return replaced(combined, new | {"determined": _determined(new["covariance"], determined_limit_mm).astype("u1")})
 

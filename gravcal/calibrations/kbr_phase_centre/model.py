@@ -61,8 +61,8 @@ def pointing(
     if given:
         manoeuvres = [measured(time, angle, *one, period_s) for one in given]
     else:
-        each = (wiggles(time, angle[k, :, axis], k, axis, period_s, *limits) for k in (0, 1) for axis in (0, 1))
-        manoeuvres = list(itertools.chain.from_iterable(each))
+        detections = (wiggles(time, angle[k, :, axis], k, axis, period_s, *limits) for k in (0, 1) for axis in (0, 1))
+        manoeuvres = list(itertools.chain.from_iterable(detections))
     manoeuvres.sort(key=lambda one: one.start)
     names = [field.name for field in fields(Wiggle)]
     values = dict(zip(names, np.array([astuple(one) for one in manoeuvres]).reshape(-1, len(names)).T, strict=True))
@@ -90,8 +90,8 @@ def lines_of_sight(position_i: np.ndarray, quaternion: np.ndarray) -> np.ndarray
     e = u / np.linalg.norm(u, axis=1, keepdims=True)
     result = np.full((2, *e.shape), np.nan)
     for k, line in enumerate((e, -e)):
-        known = np.isfinite(quaternion[k]).all(axis=1)
-        result[k, known] = np.matvec(frames.R_bi_from_quaternion(quaternion[k, known]), line[known])
+        valid = np.isfinite(quaternion[k]).all(axis=1)
+        result[k, valid] = np.matvec(frames.R_bi_from_quaternion(quaternion[k, valid]), line[valid])
     return result
 
 
@@ -113,9 +113,9 @@ def second_order(position_i: np.ndarray, quaternion: np.ndarray, nominal: np.nda
     u = position_i[1] - position_i[0]
     rho = np.linalg.norm(u, axis=1)
     v = np.full_like(u, np.nan)
-    known = np.isfinite(quaternion).all(axis=(0, 2))
-    R = [frames.R_bi_from_quaternion(q[known]) for q in quaternion]
-    v[known] = np.einsum("nji,j->ni", R[1], nominal[1]) - np.einsum("nji,j->ni", R[0], nominal[0])
+    valid = np.isfinite(quaternion).all(axis=(0, 2))
+    R = [frames.R_bi_from_quaternion(q[valid]) for q in quaternion]
+    v[valid] = np.einsum("nji,j->ni", R[1], nominal[1]) - np.einsum("nji,j->ni", R[0], nominal[0])
     across = v - u * (np.einsum("ni,ni->n", u, v) / rho**2)[:, None]
     return np.einsum("ni,ni->n", across, across) / (2 * rho)
 
@@ -146,10 +146,10 @@ def wiggles(time, angle, satellite, axis, period, offset_limit, amplitude_limit)
     The angle is split over one period into its mean and its amplitude; where the amplitude stays above its limit there
     is a wiggle, and the slews are where the mean passes half its offset.
     """
-    known = np.isfinite(angle)
-    if time.size < 3 * period or not known.any():
+    valid = np.isfinite(angle)
+    if time.size < 3 * period or not valid.any():
         return []
-    filled = np.interp(time, time[known], angle[known])
+    filled = np.interp(time, time[valid], angle[valid])
     count = int(round(period))
     phase = np.exp(-2j * np.pi * (time - time[0]) / period)
     mean = _running_mean(filled, count)
@@ -162,18 +162,18 @@ def wiggles(time, angle, satellite, axis, period, offset_limit, amplitude_limit)
         margin = (last - begin) // 8
         inside = slice(begin + margin, last - margin)
         before, after = filled[max(begin - 1000, 0) : max(begin - 200, 1)], filled[last + 200 : last + 1000]  # s
-        rest = np.median(np.concatenate([before, after]))
-        offset, size = float(mean[inside].mean()), float(np.median(amplitude[inside]))
+        rest_angle = np.median(np.concatenate([before, after]))
+        offset, wave_amplitude = float(mean[inside].mean()), float(np.median(amplitude[inside]))
         sign = int(np.sign(offset)) if abs(offset) > offset_limit else 0
         start, stop = time[begin], time[last]
         if sign:
-            level = rest + (offset - sign * size - rest) / 2
+            level = rest_angle + (offset - sign * wave_amplitude - rest_angle) / 2
             outside = sign * (filled - level) < 0
             middle = (begin + last) // 2
             early, late = np.flatnonzero(outside[:middle]), np.flatnonzero(outside[middle:])
             start = time[early[-1] + 1] if early.size else time[0]
             stop = time[middle + late[0] - 1] if late.size else time[-1]
-        manoeuvres.append(Wiggle(satellite, axis, sign, start, stop, offset, size))
+        manoeuvres.append(Wiggle(satellite, axis, sign, start, stop, offset, wave_amplitude))
     return manoeuvres
 
 
@@ -186,8 +186,8 @@ def middle(pointed: xr.Dataset) -> float:
 
 def _running_mean(values, count):
     """Mean (n,) over `count` samples, one period, centred on each of the values (n,), shorter at the ends."""
-    window, known = np.ones(count), np.ones(values.size)
-    return np.convolve(values, window, "same") / np.convolve(known, window, "same")
+    window, ones = np.ones(count), np.ones(values.size)
+    return np.convolve(values, window, "same") / np.convolve(ones, window, "same")
 
 
 def observable(

@@ -86,9 +86,9 @@ def _pieces(equations, stretches, centre, degree, length, step):
     Stretches are row numbers; a known `centre` (6,) m is used: a free one takes up noise at twice the pointing periods.
     """
     time, column = (equations[name].values for name in ("time_kbr", "column"))
-    known = np.isfinite(centre).all()
-    observed = equations["observed"].values - (column @ centre if known else 0.0)
-    column = column[:, [] if known else [1, 2, 4, 5]]
+    centre_known = np.isfinite(centre).all()
+    observed = equations["observed"].values - (column @ centre if centre_known else 0.0)
+    column = column[:, [] if centre_known else [1, 2, 4, 5]]
     pieces = []
     for stretch in stretches:
         count = int(np.ceil((time[stretch[-1]] - time[stretch[0]]) / (1.5 * length)))
@@ -231,13 +231,13 @@ def pointing_power(pieces: list[tuple[np.ndarray, np.ndarray]], quiet: noises.Sp
         for k, lag in enumerate(lags):
             covariance = lever_correlation * lag
             model[:, k] += np.fft.rfft(np.concatenate([covariance, [0.0], covariance[:0:-1]])).real * 2 * step
-    used = (frequency >= FITTED_HZ[0]) & (frequency <= FITTED_HZ[1])
-    power, model = power[used] / len(pieces), model[used] / len(pieces)
-    known = quiet.density(frequency[used])
+    in_band = (frequency >= FITTED_HZ[0]) & (frequency <= FITTED_HZ[1])
+    power, model = power[in_band] / len(pieces), model[in_band] / len(pieces)
+    quiet_density = quiet.density(frequency[in_band])
     for _ in range(5):
-        weight = 1 / (known + model @ excess)
-        size = np.linalg.norm(model * weight[:, None], axis=0)
-        excess = nnls(model * weight[:, None] / size, (power - known) * weight)[0] / size
+        weight = 1 / (quiet_density + model @ excess)
+        column_norm = np.linalg.norm(model * weight[:, None], axis=0)
+        excess = nnls(model * weight[:, None] / column_norm, (power - quiet_density) * weight)[0] / column_norm
     return excess
 
 
@@ -262,8 +262,8 @@ def lags(measured: xr.Dataset, derivative: int, count: int, highest_hz: float = 
     ranging = spectrum(measured).density(frequency)
     above = frequency > highest_hz
     ranging[above] = ranging[~above].min() * (frequency[above] / highest_hz) ** STEEP
-    known = shapes(step, measured.attrs.get("smoothed_hz", np.inf))
-    pointing = np.einsum("c,cim->im", measured["pointing_power"].values, known)
+    component_densities = shapes(step, measured.attrs.get("smoothed_hz", np.inf))
+    pointing = np.einsum("c,cim->im", measured["pointing_power"].values, component_densities)
     return lags_of_densities(ranging, pointing, step, derivative, count)
 
 
@@ -315,7 +315,7 @@ def factor(by_lag: Lags, place: np.ndarray, lever: np.ndarray) -> np.ndarray:
 def factors(measured: xr.Dataset, stretches: list) -> list[np.ndarray]:
     """Lower Cholesky factor (n, n) m of the noise of the range in each stretch.
 
-    Stretches have the numbers of epochs on an even grid, `place` (n,), and `lever` (n, 1, 4) m per radian.
+    Each stretch has `place` (n,), the numbers of its epochs on an even grid, and `lever` (n, 1, 4) m per radian.
     """
     by_lag = lags(measured, 0, max((int(one.place[-1]) for one in stretches), default=0) + 3)
     return [factor(by_lag, one.place, one.lever) for one in stretches]
@@ -331,9 +331,9 @@ def with_restricted(
 ) -> xr.Dataset:
     """Noise product estimated again from the manoeuvres by restricted maximum likelihood, all candidates free.
 
-    Slow orbit error, phase centres and all candidates are free in every stretch, so that what any of them could name
-    does not count as noise. Star camera noise is that of the manoeuvres; the spectrum of the range, of which quiet data
-    leave some ten percent open at the frequency of the wiggle, that of both. Residuals of each stretch are (n,) m
+    Slow orbit error, phase centres and all candidates are free in every stretch, so that nothing they explain counts as
+    noise. Star camera noise is estimated from the manoeuvres; the spectrum of the range, which quiet data leave
+    uncertain by some ten percent at the frequency of the wiggle, from both. Residuals of each stretch are (n,) m
     observed, (n, k) baseline and (n, q) candidates.
 
     Notes
@@ -349,34 +349,34 @@ def with_restricted(
     free = np.flatnonzero((quiet.knot_hz > SEEN_HZ[0]) & (quiet.knot_hz < SEEN_HZ[1]))
     knot_shares = quiet.shares(frequency)[:, free].T
     longest = max(int(one.place[-1]) for one in stretches) + 1
-    known = shapes(step, measured.attrs.get("smoothed_hz", np.inf))
-    units = [lags_of_densities(np.zeros(BINS + 1), s, step, 0, longest) for s in known]
+    component_densities = shapes(step, measured.attrs.get("smoothed_hz", np.inf))
+    units = [lags_of_densities(np.zeros(BINS + 1), s, step, 0, longest) for s in component_densities]
     kernels = [[covariance_matrix(by_lag, one.place, one.lever) for by_lag in units] for one in stretches]
-    value, held = np.append(measured["pointing_power"].values, np.zeros(free.size)), np.zeros((count + free.size,) * 2)
-    held[count:, count:] = np.linalg.inv(quiet.covariance[np.ix_(free, free)])
+    value, prior = np.append(measured["pointing_power"].values, np.zeros(free.size)), np.zeros((count + free.size,) * 2)
+    prior[count:, count:] = np.linalg.inv(quiet.covariance[np.ix_(free, free)])
     for _ in range(RESTRICTED_STEPS):
         score, information = np.zeros(value.size), np.zeros((value.size, value.size))
         parts = knot_shares * spectrum(measured).density(frequency)
         lags_ = [lags_of_densities(one, np.zeros(2), step, 0, longest).ranging for one in parts]
         by_stretch = zip(factors(measured, stretches), stretches, kernels, residuals, strict=True)
-        for L, one, kinds, (observed, baseline, tried) in by_stretch:
+        for L, one, stretch_kernels, (observed, baseline, tried) in by_stretch:
             basis = _basis_beside(white(L, baseline), white(L, tried))
             complement = np.linalg.qr(basis, mode="complete")[0][:, basis.shape[1] :]
             unwhitened = solve_triangular(L, complement, lower=True, trans="T", check_finite=False)
             lag, P = np.abs(one.place[:, None] - one.place), unwhitened @ unwhitened.T
-            K, Py = np.stack([*kinds, *(row[lag] for row in lags_)]), P @ observed
+            K, Py = np.stack([*stretch_kernels, *(row[lag] for row in lags_)]), P @ observed
             PK = P @ K
             score += (K @ Py @ Py - np.trace(PK, axis1=1, axis2=2)) / 2
             information += PK.reshape(len(PK), -1) @ PK.swapaxes(1, 2).reshape(len(PK), -1).T / 2
-        whole = information + held
-        size = np.sqrt(np.diag(whole))
-        scaled = np.linalg.cholesky(whole / np.outer(size, size) + 1e-9 * np.eye(size.size))
-        right = np.linalg.solve(scaled, (information @ value + score) / size)
-        updated = lsq_linear(scaled.T, right, (np.repeat([0.0, -np.inf], [count, size.size - count]), np.inf)).x / size
+        total = information + prior
+        root = np.sqrt(np.diag(total))
+        scaled = np.linalg.cholesky(total / np.outer(root, root) + 1e-9 * np.eye(root.size))
+        right = np.linalg.solve(scaled, (information @ value + score) / root)
+        updated = lsq_linear(scaled.T, right, (np.repeat([0.0, -np.inf], [count, root.size - count]), np.inf)).x / root
         updated[count:] = value[count:] + np.clip(updated[count:] - value[count:], -1.0, 1.0)
         value, density, covariance = updated, quiet.log_density.copy(), quiet.covariance.copy()
         density[free] += value[count:]
-        covariance[np.ix_(free, free)] = np.linalg.inv(whole)[count:, count:]
+        covariance[np.ix_(free, free)] = np.linalg.inv(total)[count:, count:]
         new = {"pointing_power": value[:count], "log_density": density, "log_covariance": covariance}
         measured = measured.assign({name: measured[name].copy(data=data) for name, data in new.items()})
     return measured

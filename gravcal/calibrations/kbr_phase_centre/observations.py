@@ -89,7 +89,7 @@ class Ranging(records.Observations):
         """One block of whitened residuals for each half, and the prior of the phase centres as the satellite is built.
 
         A phase front that is curved alike in pitch and yaw is the phase centre's x by definition, and a turn of the
-        star cameras is y and z: nothing but these places can tell them apart.
+        star cameras is y and z: only this prior separates them.
         """
         blocks, view = [], self.view
         for half, factor in zip(view.parts, view.factors, strict=True):
@@ -106,10 +106,10 @@ class Ranging(records.Observations):
     @functools.cached_property
     def candidates(self) -> list[records.Candidate]:
         """Effects with all their parameters and with each alone, drivers, ripples, and phase breaks at many epochs."""
-        whitened, candidates, first = self.view.white(self.view.filtered), [], 0
+        whitened, candidates, first_column = self.view.white(self.view.filtered), [], 0
         for signal in self.view.signals:
-            last = first + len(signal.names)
-            columns = [part if part is None else part[:, first:last] for part in whitened]
+            last_column = first_column + len(signal.names)
+            columns = [part if part is None else part[:, first_column:last_column] for part in whitened]
             whole = replace(signal, columns=columns, of_frame=signal.cause in FRAME, at=np.nan)
             if np.isfinite(signal.at):
                 candidates += [self.view.ripple(whole, signal.at, form) for form in SATELLITES]
@@ -118,7 +118,7 @@ class Ranging(records.Observations):
                 for letter in "ab" if whole.listed and not whole.form else ():  # where it has several of a satellite
                     kept = [k for k, name in enumerate(whole.names) if name.endswith(f"_{letter}")]
                     candidates += [whole.part(kept, letter)] if len(kept) > 1 else []
-            first = last
+            first_column = last_column
         for manoeuvre in dict.fromkeys(half.manoeuvre for half in self.view.parts if not self.view.far):
             halves = [half for half in self.view.parts if half.manoeuvre == manoeuvre]
             begin, end = halves[0].time[0] + BREAK_MARGIN_S, halves[-1].time[-1] - BREAK_MARGIN_S
@@ -147,8 +147,8 @@ class Ranging(records.Observations):
         """Whitened rows (n,) of each block; ripple and break by their law: no candidate has their period or epoch."""
         if entry.cause not in (RIPPLE, BREAK):
             return super().response(entry)
-        known = effect(entry.cause)
-        added = np.nan_to_num(known.contribution(self.view.context, known.values(entry.values)))
+        catalogued = effect(entry.cause)
+        added = np.nan_to_num(catalogued.contribution(self.view.context, catalogued.values(entry.values)))
         rows = self.view.white(self.view.through(added[:, None]))
         return [np.zeros(b.time.size) if r is None else r[:, 0] for r, b in zip(rows, self.blocks, strict=True)]
 

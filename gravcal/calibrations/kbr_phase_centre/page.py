@@ -96,7 +96,7 @@ def _determined(combined, pointed, settings):
         }
         for k, letter in enumerate(letters)
     }
-    adopted = {letter: own[observable][estimator] for letter, own in satellites.items()}
+    adopted = {letter: estimates[observable][estimator] for letter, estimates in satellites.items()}
     determined = any(value is not None for block in adopted.values() for value in block["phase_centre_mm"])
     tests = {
         name: plain.chi_square_test(combined["arcs_chi2"].values[k], combined["arcs_dof"].values[k])
@@ -109,8 +109,8 @@ def _determined(combined, pointed, settings):
     scatter = {name: {} for name in OBSERVABLES}
     for o, name in enumerate(OBSERVABLES):
         for k, letter in enumerate(combined.attrs["satellites"]):
-            own = [1e3 * combined["arc_value"].values[o, (satellite == k) & (axis == a)] for a in (1, 0)]
-            spread = [np.std(v, ddof=1) / np.sqrt(v.size) if v.size > 1 else np.nan for v in own]
+            estimates = [1e3 * combined["arc_value"].values[o, (satellite == k) & (axis == a)] for a in (1, 0)]
+            spread = [np.std(v, ddof=1) / np.sqrt(v.size) if v.size > 1 else np.nan for v in estimates]
             scatter[name][letter] = [None, *numbers(spread)]
     return {
         "status": "delivered" if determined else "failed",
@@ -136,11 +136,11 @@ def _determined(combined, pointed, settings):
 
 def _block(combined, index, satellite):
     """Phase centre mm of an index (observable, sub-set, estimator) and satellite as JSON, null if not determined."""
-    part = slice(3 * satellite, 3 * satellite + 3)
-    known, centre, formal = (combined[name].values for name in ("determined", "centre", "formal_sigma"))
-    known, covariance = known[index[:2]][part] != 0, combined["covariance"].values[index][part, part]
-    block = plain.offset_block(centre[index][part], covariance, known, "phase_centre", "mm")
-    return block | {"formal_sigma_mm": numbers(np.where(known, 1e3 * formal[index][part], np.nan))}
+    axes = slice(3 * satellite, 3 * satellite + 3)
+    determined, centre, formal = (combined[name].values for name in ("determined", "centre", "formal_sigma"))
+    determined, covariance = determined[index[:2]][axes] != 0, combined["covariance"].values[index][axes, axes]
+    block = plain.offset_block(centre[index][axes], covariance, determined, "phase_centre", "mm")
+    return block | {"formal_sigma_mm": numbers(np.where(determined, 1e3 * formal[index][axes], np.nan))}
 
 
 def _verdict(adopted, source, test, settings):
@@ -263,13 +263,13 @@ def vector_files(document, date) -> dict[str, str]:
 
 def _result_table(document, published, estimator):
     """Table of phase centres by one estimator, ours beside the printed ones, a row for each satellite and axis."""
-    known = {_place(one["labels"]): one for one in published.get(estimator, [])}
+    records = {_place(one["labels"]): one for one in published.get(estimator, [])}
     rows = []
     for letter, blocks in document["satellites"].items():
         for k, axis in enumerate("xyz"):
             row = [f"GRACE-{letter} {axis}"]
             for observable in OBSERVABLES:
-                block, printed = blocks[observable][estimator], known.get((letter, axis, observable))
+                block, printed = blocks[observable][estimator], records.get((letter, axis, observable))
                 row.append(plus_minus(block["phase_centre_mm"][k], block["sigma_mm"][k]))
                 value = printed["value"][0] if printed else None
                 digits = 1 if value is not None and abs(value) >= 100 else 2
@@ -292,11 +292,11 @@ def _subset_table(document, published):
         for letter, block in document["subsets"][name]["range_rate"].items():
             for axis in axes:
                 k, place = "xyz".index(axis), (letter, axis, "range_rate")
-                both = (name, *place) in known and place in joint
-                shift = known[name, *place] - joint[place] if both else None
+                available = (name, *place) in known and place in joint
+                shift = known[name, *place] - joint[place] if available else None
                 value = plus_minus(block["phase_centre_mm"][k], block["sigma_mm"][k])
-                moved = [signed(one, 3) for one in (block["shift_mm"][k], block["predicted_shift_mm"][k], shift)]
-                rows.append([f"{name.replace('_x_fixed', ', x held')}, GRACE-{letter} {axis}", value, *moved])
+                shifts = [signed(one, 3) for one in (block["shift_mm"][k], block["predicted_shift_mm"][k], shift)]
+                rows.append([f"{name.replace('_x_fixed', ', x held')}, GRACE-{letter} {axis}", value, *shifts])
     return WORDS.table("subsets", rows)
 
 
@@ -320,44 +320,44 @@ def _angles(panels, pointed):
     time, angle = pointed["time"].values, np.degrees(pointed["angle"].values)
     spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
     for k, (left, right) in enumerate(panels):
-        own = spans[pointed["satellite_index"].values == k]
+        wiggles = spans[pointed["satellite_index"].values == k]
         left.set_title(f"GRACE-{pointed.attrs['satellites'][k]}, line of sight in the satellite, °")
-        right.set_title("first wiggle" if own.size else "detail")
-        for start, stop in (own - time[0]) / 3600:
+        right.set_title("first wiggle" if wiggles.size else "detail")
+        for start, stop in (wiggles - time[0]) / 3600:
             left.axvspan(start, stop, label="wiggle", **STYLES["shade"])
-        since = time - (own[0, 0] if own.size else time[0] + 1000)
+        since = time - (wiggles[0, 0] if wiggles.size else time[0] + 1000)
         near = (since > -120) & (since < 1130)
         for axis, (name, colour) in enumerate(STYLES["angles"].items()):
             left.plot(*thinned((time - time[0]) / 3600, angle[k, :, axis]), color=colour, linewidth=0.8, label=name)
             right.plot(since[near], angle[k, near, axis], color=colour, linewidth=0.8)
     left.set_xlabel("hours of the record")
-    right.set_xlabel("s from the slew" if own.size else "s")
+    right.set_xlabel("s from the slew" if wiggles.size else "s")
 
 
 @WORDS.figure("solve.*")
 def _series(solved):
     """Detrended observations, model and magnified residual of one wiggle about each axis, for each observable."""
-    first = solved["range"]
-    chosen = [np.flatnonzero(first["axis_index"].values == axis) for axis in (0, 1)]
+    range_solution = solved["range"]
+    chosen = [np.flatnonzero(range_solution["axis_index"].values == axis) for axis in (0, 1)]
     chosen = [own[0] for own in chosen if own.size]
-    if not chosen or not first["time_kbr"].size:
+    if not chosen or not range_solution["time_kbr"].size:
         return None
     figure, panels = grid(3, len(chosen), 5.0, xlabel="s", margins={"wspace": 0.14, "hspace": 0.36})
     for row, name in zip(panels, OBSERVABLES, strict=True):
-        one, (unit, factor) = solved[name], UNITS[name]
+        solution, (unit, factor) = solved[name], UNITS[name]
         for panel, k in zip(row, chosen, strict=True):
-            inside = one["arc"].values == k
-            time = one["time_kbr"].values[inside]
+            inside = solution["arc"].values == k
+            time = solution["time_kbr"].values[inside]
             if not time.size:
                 continue
-            measured, model = (factor * one[key].values[inside] for key in ("detrended", "modelled"))
-            left, span = measured - model, np.ptp(model)
-            power = 10 ** max(int(np.floor(np.log10(0.6 * span / max(np.ptp(left), 1e-12)))), 0)  # of magnification
-            curves = (measured, model, power * left - 1.1 * span)
+            measured, model = (factor * solution[key].values[inside] for key in ("detrended", "modelled"))
+            residual, span = measured - model, np.ptp(model)
+            power = 10 ** max(int(np.floor(np.log10(0.6 * span / max(np.ptp(residual), 1e-12)))), 0)  # of magnification
+            curves = (measured, model, power * residual - 1.1 * span)
             for values, (label, style) in zip(curves, STYLES["series"].items(), strict=True):
                 panel.plot(*thinned(*opened(time - time[0], values, 20)), label=label, **style)
-            letter = one.attrs["satellites"][int(one["satellite_index"].values[k])]
-            axis = tuple(STYLES["angles"])[int(one["axis_index"].values[k])]
+            letter = solution.attrs["satellites"][int(solution["satellite_index"].values[k])]
+            axis = tuple(STYLES["angles"])[int(solution["axis_index"].values[k])]
             panel.set_title(f"{TITLES[name]}, {unit}: {letter} {axis}, difference × {power}")
     return figure
 
@@ -368,10 +368,10 @@ def _spectra(panels, solved):
     if not solved["range"]["time_kbr"].size:
         return
     for panel, name in zip(panels, OBSERVABLES, strict=True):
-        one, factor = solved[name], UNITS[name][1] ** 2
-        frequency = one["frequency"].values
-        _density(panel, frequency, factor * one["spectrum_observed"].values, "ranging minus orbit", STYLES["wide"])
-        _density(panel, frequency, factor * one["spectrum_residual"].values, "residual", STYLES["residual"])
+        solution, factor = solved[name], UNITS[name][1] ** 2
+        frequency = solution["frequency"].values
+        _density(panel, frequency, factor * solution["spectrum_observed"].values, "ranging minus orbit", STYLES["wide"])
+        _density(panel, frequency, factor * solution["spectrum_residual"].values, "residual", STYLES["residual"])
 
 
 @WORDS.figure("noise")
@@ -402,13 +402,13 @@ def _estimates(panels, document):
             points, labels = [], ["range", "rate", "acceler-\nation"]
             for place, name in enumerate(OBSERVABLES):
                 for shift, estimator, kind in ((-0.14, "ls", "least squares"), (0.14, "robust", "robust")):
-                    own = blocks[name][estimator]
-                    points.append((place + shift, own["phase_centre_mm"][k], own["sigma_mm"][k], kind))
-            for one in document["manoeuvres"]:
-                if one["satellite"] == letter and one["component"] == "xyz"[k]:
-                    own = one["estimates_mm"]["range_rate"]
-                    points.append((len(labels), own["value"], own["sigma"], "one wiggle alone"))
-                    labels.append(f"{one['kind'].replace('-', '−')}\nalone")
+                    estimate = blocks[name][estimator]
+                    points.append((place + shift, estimate["phase_centre_mm"][k], estimate["sigma_mm"][k], kind))
+            for manoeuvre in document["manoeuvres"]:
+                if manoeuvre["satellite"] == letter and manoeuvre["component"] == "xyz"[k]:
+                    estimate = manoeuvre["estimates_mm"]["range_rate"]
+                    points.append((len(labels), estimate["value"], estimate["sigma"], "one wiggle alone"))
+                    labels.append(f"{manoeuvre['kind'].replace('-', '−')}\nalone")
             adopted = document["adopted"]["satellites"][letter]
             value, sigma = adopted["phase_centre_mm"][k], adopted["sigma_mm"][k]
             if value is not None:

@@ -94,10 +94,10 @@ class Halves:
     @functools.cached_property
     def signals(self) -> list[Candidate]:
         """Candidates with columns (n, q) m on whole seconds: effects, then drivers; late tags alone if minutes off."""
-        known = effects_of(self.context, self.start.reshape(2, 3))
+        effects = effects_of(self.context, self.start.reshape(2, 3))
         if self.far:
-            return [replace(one, apart=True) for one in known if (one.cause, one.form) in self.far]
-        return known + drivers(self.context, [half.time[0] for half in self.parts])
+            return [replace(one, apart=True) for one in effects if (one.cause, one.form) in self.far]
+        return effects + drivers(self.context, [half.time[0] for half in self.parts])
 
     @functools.cached_property
     def far(self) -> dict[tuple[str, str], float]:
@@ -250,9 +250,9 @@ def turned(time: np.ndarray, quaternion: np.ndarray, late) -> np.ndarray:
         return quaternion
     good, at = np.isfinite(quaternion).all(axis=1), time + late
     ends = time[good][[0, -1]]
-    moved = interpolated(time[good], quaternion[good], np.clip(at, *ends), 10.0)
-    moved[(at < ends[0] - LATE_S) | (at > ends[1] + LATE_S)] = np.nan
-    return moved / np.linalg.norm(moved, axis=1, keepdims=True)
+    attitude = interpolated(time[good], quaternion[good], np.clip(at, *ends), 10.0)
+    attitude[(at < ends[0] - LATE_S) | (at > ends[1] + LATE_S)] = np.nan
+    return attitude / np.linalg.norm(attitude, axis=1, keepdims=True)
 
 
 def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> xr.Dataset:
@@ -263,11 +263,11 @@ def smoothed(pointed: xr.Dataset, equations: xr.Dataset, highest_hz: float) -> x
     """
     line = pointed["line_of_sight_b"].values.copy()
     for rows in _moving(pointed["time"].values, equations):
-        for one in line[:, rows]:
-            missing = ~np.isfinite(one).all(axis=1)
-            one[:, 1:] = noise.smoothed(one[:, 1:], highest_hz)
-            one[:, 0] = np.sqrt(1 - np.sum(one[:, 1:] ** 2, axis=1))
-            one[missing] = np.nan
+        for vectors in line[:, rows]:
+            missing = ~np.isfinite(vectors).all(axis=1)
+            vectors[:, 1:] = noise.smoothed(vectors[:, 1:], highest_hz)
+            vectors[:, 0] = np.sqrt(1 - np.sum(vectors[:, 1:] ** 2, axis=1))
+            vectors[missing] = np.nan
     new = {"line_of_sight_b": line, "angle": angles(line)}
     return pointed.assign({name: pointed[name].copy(data=values) for name, values in new.items()})
 
@@ -284,8 +284,8 @@ def context(aligned: xr.Dataset, pointed: xr.Dataset, nominal: np.ndarray) -> Co
     """Context of the ranging effects on whole seconds: orbit, sunlight, pointing, range; phase centres (2, 3) m."""
     time, distance = pointed["time"].values, pointed["range_com"].values
     line, position = np.moveaxis(pointed["line_of_sight_b"].values, 0, 1), aligned["position_i"].values[0]
-    known = np.isfinite(position).all(axis=1)
-    orbit, position = time[known][::10], position[known][::10]  # of the first satellite
+    valid = np.isfinite(position).all(axis=1)
+    orbit, position = time[valid][::10], position[valid][::10]  # of the first satellite
     normal = np.cross(position[0], position[min(100, len(position) - 1)])
     sun = orbit_environment.sun_i(orbit[[0, -1]]).mean(axis=0)
     along = {
@@ -369,13 +369,13 @@ def drivers(context: Context, starts: Sequence[float]) -> list[Candidate]:
     signals += _of_angles("pointing", {f"lag {lag:g} s": _lagged(angle, lag) for lag in LAGS_S})
     for (i, first), (j, second) in itertools.combinations(enumerate(PLACES), 2):
         signals.append(_of_range("pointing", f"product of {first} and {second}", angle[:, i] * angle[:, j]))
-    others = {
+    modulators = {
         "latitude": np.sin(extra["latitude"]),
         "eclipse": extra["warmth"] - extra["warmth"].mean(),
         "time": ((time - context.epoch) / 43200.0) ** 2,
         "range_rate": extra["range_rate"] / max(np.nanmax(np.abs(extra["range_rate"])), 1e-9),
     }
-    for name, values in others.items():
+    for name, values in modulators.items():
         signals += _of_angles(f"pointing*{name}", {f"{name} times the angle": angle * np.nan_to_num(values)[:, None]})
     for cycles in CYCLES:
         phase, form = cycles * extra["argument"], f"wave of {cycles:g} cycles a revolution"
