@@ -250,7 +250,7 @@ def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
 
 
 def filtered_readouts(aligned: xr.Dataset) -> tuple[float, np.ndarray, np.ndarray]:
-    """Sampling s, and the six readouts (n, 6) V before and after the CRN filter of the published method; means removed."""
+    """Sampling s, and the six readouts (n, 6) V less means, before and after the CRN filter of the published method."""
     time = aligned.time.values
     step = float(np.median(np.diff(time)))
     readout = electrodes.readouts(aligned.volts.values)

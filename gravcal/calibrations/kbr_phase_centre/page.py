@@ -103,7 +103,7 @@ def _determined(combined, pointed, settings):
         for k, name in enumerate(OBSERVABLES)
     }
     published = [WORDS.note("published")] if combined.attrs["method"] == "published" else []
-    one_sided = np.isfinite(_sigma_ratio(combined["covariance"].values[1, 0, 0], 0))
+    ratio_known = np.isfinite(_sigma_ratio(combined["covariance"].values[1, 0, 0], 0))
     # error of the mean of y and z as the scatter between sub-manoeuvres shows it
     satellite, axis = combined["satellite_index"].values, combined["axis_index"].values
     scatter = {name: {} for name in OBSERVABLES}
@@ -129,7 +129,7 @@ def _determined(combined, pointed, settings):
         "geometry": _geometry(combined, pointed),
         "consistency": {"manoeuvres": tests, "scatter_between_manoeuvres_mm": scatter},
         "sigma0": {name: numbers(combined["sigma0"].values[k, 0]) for k, name in enumerate(OBSERVABLES)},
-        "trust": [*published, *(WORDS.notes["geometry"] if one_sided else ()), WORDS.note("robust")],
+        "trust": [*published, *(WORDS.notes["geometry"] if ratio_known else ()), WORDS.note("robust")],
         "indistinguishable_from_calibration": WORDS.notes["indistinguishable"],
     }
 
