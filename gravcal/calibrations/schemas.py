@@ -41,7 +41,7 @@ def of(file: str) -> dict[str, dict[str, dict]]:
 
 
 def build(schema: Mapping[str, Mapping[str, str]], values: Mapping[str, object], **attrs) -> xr.Dataset:
-    """Dataset of a schema, from arrays of all its variables but optional ones, with global attributes.
+    """Dataset of a schema from arrays of its variables, of which optional ones may be missing, and global attributes.
 
     A variable named like its dimension is a coordinate. A schema has "dims", "units", "frame", "long_name" and "dtype"
     of each variable.
@@ -81,16 +81,16 @@ def widened(
     """
     from gravcal.estimation.least_squares import covariance_of_moves
 
-    enlarged, correction = {}, json.loads(added or "{}")
+    enlarged, addition = {}, json.loads(added or "{}")
     for name, error_names in errors.items():
         value, others = solved[name].values, [one[name].values for one in moved]
-        if correction:
-            enlarged[name] = value + correction["correction"]
+        if addition:
+            enlarged[name] = value + addition["correction"]
         for error in (solved[one] for one in error_names):
             if error.ndim == value.ndim:  # standard deviations
                 variance = covariance_of_moves(value[..., None], [one[..., None] for one in others])[..., 0, 0]
                 enlarged[error.name] = np.sqrt(error.values**2 + variance)
             else:
                 extra = covariance_of_moves(value, others) if moved else 0.0
-                enlarged[error.name] = error.values + (np.array(correction.get("covariance", 0.0)) + extra)
+                enlarged[error.name] = error.values + (np.array(addition.get("covariance", 0.0)) + extra)
     return enlarged
