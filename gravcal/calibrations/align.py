@@ -113,8 +113,8 @@ def late_of_pair(aligned: xr.Dataset, pointed: xr.Dataset) -> np.ndarray:
     if place.size < 2:
         return delays
     moved = moved_orbits(aligned)
-    left = _rates_left(aligned, moved, place)
-    misfits = {w: functools.cache(lambda k, w=w: np.nanmean(left(w, k) ** 2)) for w in (0, 3, 4)}
+    residual = _rates_left(aligned, moved, place)
+    misfits = {w: functools.cache(lambda k, w=w: np.nanmean(residual(w, k) ** 2)) for w in (0, 3, 4)}
     best = min(misfits, key=lambda which: misfits[which](_least(lag, misfits[which])))  # the ranging if none is late
     delays[best] = _clear(lag, misfits[best])
     first, second = (moved(k, np.arange(time.size), int(late)) for k, late in enumerate(delays[3:]))
@@ -207,12 +207,12 @@ def _spans(pointed):
     return np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
 
 
-def _least(lag, left):
-    """Lag (of lags (n,) s, a second apart) that minimises a misfit function `left`, smooth over ten seconds."""
-    return min(lag[np.abs(lag - min(lag[::10], key=left)) <= 10], key=left)
+def _least(lag, misfit):
+    """Lag (of lags (n,) s, a second apart) that minimises a function `misfit` of it, smooth over ten seconds."""
+    return min(lag[np.abs(lag - min(lag[::10], key=misfit)) <= 10], key=misfit)
 
 
-def _clear(lag, left):
-    """Lag s that minimises a misfit function `left`, or 0 unless all independent lags leave `CLEARLY` more."""
-    best = _least(lag, left)
-    return best if CLEARLY * left(best) < left(_least(lag[np.abs(lag - best) > APART_S], left)) else 0
+def _clear(lag, misfit):
+    """Lag s that minimises a function `misfit`, or 0 unless at all independent lags it is `CLEARLY` times larger."""
+    best = _least(lag, misfit)
+    return best if CLEARLY * misfit(best) < misfit(_least(lag[np.abs(lag - best) > APART_S], misfit)) else 0

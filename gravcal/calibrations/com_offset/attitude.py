@@ -417,13 +417,13 @@ def _motion(window, fit, timing, aligned, noise, choice):
     }
 
 
-def _per_manoeuvre(count, known):
-    """{variable: (count,) or (count, 3)} of edge shifts, torque and angular scales, residual rms; NaN without fit."""
+def _per_manoeuvre(count, fitted):
+    """{variable: (count, ...)} of shifts, scales, residual rms, from (index, Window, Fit, WaveFit) of those fitted."""
     single, wide = ("sca_shift", "acc_shift"), ("torque_scale", "angular_scale")
     table = {f"{name}{tail}": np.full(count, np.nan) for name in single for tail in ("", "_sigma")}
     table |= {f"{name}{tail}": np.full((count, 3), np.nan) for name in wide for tail in ("", "_sigma")}
     table["residual_rms"] = np.full((count, 3), np.nan)
-    for i, window, fit, timing in known:
+    for i, window, fit, timing in fitted:
         solution, sigma = fit.solution, dict(zip(fit.names, np.sqrt(np.diag(fit.covariance)), strict=True))
         table["sca_shift"][i], table["sca_shift_sigma"][i] = solution.shift, sigma.get("shift", np.nan)
         table["torque_scale"][i] = solution.scale_b
@@ -435,11 +435,11 @@ def _per_manoeuvre(count, known):
     return table
 
 
-def _delays(known, aligned):
+def _delays(fitted, aligned):
     """{"acc_delay", "sca_delay" and "..._sigma": s} of tags against the torquer telemetry; NaN where undetermined."""
     rows = [
         (f.solution.shift, np.sqrt(f.covariance[-1, -1]), t.shift, t.shift_sigma, w.lower, w.upper)
-        for _, w, f, t in known
+        for _, w, f, t in fitted
         if t is not None and w.rod >= 0 and f.names[-1] == "shift"
     ]
     if not rows:

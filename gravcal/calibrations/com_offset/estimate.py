@@ -96,7 +96,7 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
         noise = _residual_noise(blocks, settings)
     level = measured["level"].values
     louder = [[m.louder(f) for m, f in zip(noise, row, strict=False)] for row in level]  # no noise, no block
-    whitened = [_whitened(block, own) for block, own in zip(blocks, louder, strict=True)]
+    whitened = [_whitened(block, models) for block, models in zip(blocks, louder, strict=True)]
     scores = [None if w is None else w["score"] for w in whitened]
     values = _values(blocks, whitened, scores, _joint_offset(scores), resampled.sizes["mode_index"])
     density = np.array([n.density(FREQUENCY) for n in noise]) if noise else np.full((3, FREQUENCY.size), np.nan)
@@ -120,10 +120,10 @@ def _joint_offset(scores):
 
     A component that nothing determines stays near zero by a loose prior, so that it does not enlarge these errors.
     """
-    known = [s for s in scores if s is not None]
-    if not known:
+    usable = [s for s in scores if s is not None]
+    if not usable:
         return np.full(3, np.nan)
-    return least_squares.stable_inverse(sum(s.normal for s in known) + PRIOR) @ sum(s.right for s in known)
+    return least_squares.stable_inverse(sum(s.normal for s in usable) + PRIOR) @ sum(s.right for s in usable)
 
 
 def _block(equations, index, settings):
@@ -203,12 +203,12 @@ def _values(blocks, whitened, scores, joint, modes):
         table["mode_shift"][i] = np.array([-gain @ mode @ joint for mode in white["modes"]]).reshape(-1, 3)
         table["chi2"][i], table["dof"][i] = residual @ residual, white["dof"]
         valid = block["valid"]
-        both = np.concatenate([block["reading"][valid], block["design"][valid] @ joint], axis=1)
-        both = least_squares.project_out(block["drift"][valid], both)
+        pair = np.concatenate([block["reading"][valid], block["design"][valid] @ joint], axis=1)
+        pair = least_squares.project_out(block["drift"][valid], pair)
         series["time_grid"].append(block["time"][valid])
         series["grid_manoeuvre"].append(np.full(int(valid.sum()), i))
-        series["reading"].append(both[:, :3])
-        series["model"].append(both[:, 3:])
+        series["reading"].append(pair[:, :3])
+        series["model"].append(pair[:, 3:])
     return table | {n: np.concatenate(v) for n, v in series.items()}
 
 
@@ -229,9 +229,9 @@ def published_solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Datas
         linear, marked = reading(aligned, time)
         rates = smoothed["rate_b"][inside], angular["rate_dot_b"][inside]
         high = abs(float(place["latitude"][i])) > HIGH_LATITUDE  # two components of pitch and roll, Table 7, else all
-        kept = {0: [1, 2], 1: [0, 2]}.get(int(place["kind"][i]) if high else 2, [0, 1, 2])
-        offset[i], formal = published_offset(time, ~marked, linear, rates, kept)
-        information[i][np.ix_(kept, kept)] = least_squares.stable_inverse(formal[np.ix_(kept, kept)])
+        solved = {0: [1, 2], 1: [0, 2]}.get(int(place["kind"][i]) if high else 2, [0, 1, 2])
+        offset[i], formal = published_offset(time, ~marked, linear, rates, solved)
+        information[i][np.ix_(solved, solved)] = least_squares.stable_inverse(formal[np.ix_(solved, solved)])
     values = nothing(count) | {"offset": offset, "information": information, "normal": information}
     values["right"] = np.matvec(information, np.nan_to_num(offset))
     return product(values, place | {"mode_shared": [], "mode_catalogue": []}, variant, "published")
@@ -318,13 +318,13 @@ def _joint(solved):
     """Joint solution of a variant: offset (3,) m, covariances (3, 3), shifts by catalogue modes (m, 3), chi2, dof."""
     shared = solved["mode_shared"].values.astype(bool)
     catalogue = solved["mode_catalogue"].values.astype(bool)[shared]
-    known = np.flatnonzero(np.isfinite(solved["offset"].values).all(axis=1))
-    if not known.size:
+    used = np.flatnonzero(np.isfinite(solved["offset"].values).all(axis=1))
+    if not used.size:
         nothing = {"offset": np.full(3, np.nan), "catalogue": np.zeros((catalogue.sum(), 3)), "chi2": 0.0, "dof": 0}
         return nothing | dict.fromkeys(("covariance", "covariance_total", "noise", "own"), np.full((3, 3), np.inf))
-    parts = [solved[n].values[known] for n in ("right", "normal", "information")]
+    parts = [solved[n].values[used] for n in ("right", "normal", "information")]
     scores = [least_squares.Score(*part) for part in zip(*parts, strict=True)]
-    shift = solved["mode_shift"].values[known]
+    shift = solved["mode_shift"].values[used]
     joined = least_squares.combine(scores, list(shift[:, ~shared]), list(shift[:, shared]), PRIOR)
     measured, catalogued = joined.shift[~catalogue], joined.shift[catalogue]
     total = joined.covariance + measured.T @ measured
@@ -353,13 +353,13 @@ def _difference(joint, names, limit):
     if not set(names) <= set(joint):
         return 0.0, 0
     one, other = (joint[name] for name in names)
-    known = [one["covariance"], other["covariance"], joint.get("mtq", one)["noise"]]
-    if not np.isfinite(known).all():
+    covariances = [one["covariance"], other["covariance"], joint.get("mtq", one)["noise"]]
+    if not np.isfinite(covariances).all():
         return 0.0, 0
-    size, vectors = np.linalg.eigh((known[0] + known[1]) / 2)
+    size, vectors = np.linalg.eigh((covariances[0] + covariances[1]) / 2)
     basis = vectors[:, size < limit**2]
     inner = [{n: basis.T @ j[n] @ basis for n in ("own", "noise")} for j in (one, other)]
-    shared = basis.T @ known[2] @ basis
+    shared = basis.T @ covariances[2] @ basis
     shifts = np.concatenate([one["catalogue"], other["catalogue"]])
     covariance = basis.T @ shifts.T @ shifts @ basis
     for part in inner:  # noise beyond the shared one, never negative, 0.1 % of that as floor
@@ -489,11 +489,11 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
         channel = f"linear acceleration along {', '.join(silent)}"
         refuse(channel, symptom, "noise of 1e-10 m s-2", remedy, EstimationError, axes=silent)
     cuts, quiet_parts = np.flatnonzero(np.diff(pieces["piece"].values)) + 1, []
-    for grid, own in zip(np.split(pieces["epoch"].values, cuts), np.split(reading.copy(), cuts), strict=True):
-        valid = np.isfinite(own[:, 0])
+    for grid, part_values in zip(np.split(pieces["epoch"].values, cuts), np.split(reading.copy(), cuts), strict=True):
+        valid = np.isfinite(part_values[:, 0])
         drift = least_squares.polynomial(grid, drift_degree, grid[0], grid[-1])[valid]
-        own[valid] = least_squares.project_out(drift, own[valid])
-        quiet_parts.append(own)
+        part_values[valid] = least_squares.project_out(drift, part_values[valid])
+        quiet_parts.append(part_values)
     removed = len(quiet_parts) * (drift_degree + 1)
     models = [fit_noise([part[:, axis] for part in quiet_parts], noise_order, step, removed) for axis in range(3)]
     values |= {name: np.array([getattr(model, name) for model in models]) for name in ("reflection", "variance")}

@@ -173,8 +173,8 @@ def whitened_edges(smoothed: xr.Dataset, delays: np.ndarray) -> np.ndarray:
     quantisation = float(np.median(steps)) ** 2 / 12 if steps.size else 0.0
     sigmas = smoothed["acc_shift_sigma"].values, smoothed["sca_shift_sigma"].values
     variance = np.append(sigmas[0] ** 2 + sigmas[1] ** 2, float(smoothed["acc_delay_sigma"]) ** 2) + quantisation
-    known = np.flatnonzero(np.isfinite(variance) & (variance > 0))
+    usable = np.flatnonzero(np.isfinite(variance) & (variance > 0))
     rows = np.zeros(np.shape(delays))
-    root = np.linalg.cholesky(np.diag(variance[known]) + quantisation)
-    rows[known] = solve_triangular(root, delays[known], lower=True)
+    root = np.linalg.cholesky(np.diag(variance[usable]) + quantisation)
+    rows[usable] = solve_triangular(root, delays[usable], lower=True)
     return rows

@@ -417,11 +417,11 @@ def attitude_noise(smoothed: xr.Dataset, views: list[Manoeuvre], wider: list[np.
     power and never names anything. Wider are (k, 3, q) rad of each manoeuvre, the attitude response to these torques.
     """
     manoeuvre, segments, columns = smoothed["sca_manoeuvre"].values, [], []
-    for one, more in zip(views, wider, strict=True):
+    for one, of_torques in zip(views, wider, strict=True):
         residual = np.full((one.window.time.size, 3), np.nan)
         residual[one.window.good] = smoothed["sca_residual_b"].values[manoeuvre == one.index]
         segments.append(residual)
-        columns.append(np.concatenate([one.local_attitude, one.scale_attitude, more], axis=2))
+        columns.append(np.concatenate([one.local_attitude, one.scale_attitude, of_torques], axis=2))
     index = np.array([one.index for one in views])
     return _measured(segments, columns, (order, 1.0), index, 1 + index.max())
 

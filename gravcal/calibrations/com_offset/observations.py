@@ -124,8 +124,8 @@ class ComOffset(Observations):
     def blocks(self) -> list[Block]:
         """One block a manoeuvre, and one of the edge times."""
         _ = self.quiet  # the noise that whitens
-        made = [manoeuvre.block_of(one, self.aligned, self.smoothed, self.settings) for one in self.views]
-        return [*made, responses.edge_block(self.smoothed)]
+        of_manoeuvres = [manoeuvre.block_of(one, self.aligned, self.smoothed, self.settings) for one in self.views]
+        return [*of_manoeuvres, responses.edge_block(self.smoothed)]
 
     @functools.cached_property
     def candidates(self) -> list[Candidate]:

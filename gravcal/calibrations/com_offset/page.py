@@ -85,9 +85,9 @@ def sections(document, published):
             Section("Torque against roll acceleration", figures=[_roll], notes=WORDS.said("roll", **document)),
         ]
     adopted = document["adopted"]["variant"] or "mtq"
-    known = printed_manoeuvres(document, published)
-    caption = f"{_estimates.caption} {WORDS.note('bands', adopted=adopted)}{' Hollow: printed values.' * bool(known)}"
-    shown = replace(_estimates, arguments=(document, known), caption=caption)
+    printed = printed_manoeuvres(document, published)
+    caption = f"{_estimates.caption} {WORDS.note('bands', adopted=adopted)}{' Hollow: printed values.' * bool(printed)}"
+    shown = replace(_estimates, arguments=(document, printed), caption=caption)
     solved = f"solve.{adopted}"
     fits = [replace(_spectra, reads=(solved,)), replace(_linear_accelerations, reads=(solved, "detect"))]
     sources = sorted({one.source for name in ("combined", "manoeuvres") for one in published.get(name, ())})
@@ -108,7 +108,7 @@ def sections(document, published):
     return [
         Section("Result", [_combined_table(document, published)], [shown], notes),
         Section("Agreement and field check", [agreement, WORDS.table("field", document)], beside=True),
-        Section("Every manoeuvre", [_manoeuvre_table(document, known)]),
+        Section("Every manoeuvre", [_manoeuvre_table(document, printed)]),
         Section("Linear acceleration", figures=fits),
         Section("Angular acceleration and time", [instruments], [_angular_accelerations]),
         Section("Torquers and attitude", figures=[_torquers, _attitude]),
@@ -163,8 +163,8 @@ def result(products, settings):
         "roll_response": None if detected.sizes["manoeuvre"] else roll_response(products["survey"], settings),
     }
     if not detected.sizes["manoeuvre"] or combined is None:
-        known = None not in record.values()
-        span = f" of {' to '.join(gps_text(time) for time in record.values())} GPS" if known else ""
+        dated = None not in record.values()
+        span = f" of {' to '.join(gps_text(time) for time in record.values())} GPS" if dated else ""
         return content | {"verdict": {"text": f"No manoeuvre in the torquer currents{span}: nothing to calibrate."}}
     solved = next(one for name, one in products.items() if name.startswith("solve."))
     blocks = variants(combined)
@@ -253,10 +253,10 @@ def scales(smoothed, settings):
     means = {}
     for name, limit in limits.items():
         values, sigmas = smoothed[f"{name}_scale"].values, smoothed[f"{name}_scale_sigma"].values
-        known = np.isfinite(values) & (sigmas > 0) & (sigmas < limit)
-        weight = np.where(known, 1 / np.where(known, sigmas, 1.0) ** 2, 0.0)
-        total = np.where(known.any(axis=0), weight.sum(axis=0), np.nan)
-        means[name] = plain.estimate(np.sum(weight * np.where(known, values, 0.0), axis=0) / total, 1 / np.sqrt(total))
+        usable = np.isfinite(values) & (sigmas > 0) & (sigmas < limit)
+        weight = np.where(usable, 1 / np.where(usable, sigmas, 1.0) ** 2, 0.0)
+        total = np.where(usable.any(axis=0), weight.sum(axis=0), np.nan)
+        means[name] = plain.estimate(np.sum(weight * np.where(usable, values, 0.0), axis=0) / total, 1 / np.sqrt(total))
     return means
 
 
@@ -266,8 +266,8 @@ def roll_response(survey, settings):
     if slope is None or slope["value"] is None:
         return None
     used = np.isfinite(survey["roll_impulse"].values) & np.isfinite(survey["roll_rate"].values)
-    known = [settings.get(name) for name in ("roll_response", "roll_response_sigma")]
-    expected = None if None in known else plain.estimate(*known)
+    expected_pair = [settings.get(name) for name in ("roll_response", "roll_response_sigma")]
+    expected = None if None in expected_pair else plain.estimate(*expected_pair)
     return slope | {"unit": survey["slope"].attrs["units"], "samples": int(used.sum()), "expected": expected}
 
 
@@ -282,11 +282,11 @@ def consistency(combined, name, level):
 
     names = combined.attrs["variants"].split()
     tests = {one: judged(combined["chi2"].values[i], combined["dof"].values[i]) for i, one in enumerate(names)}
-    own = tests.get(name, judged(np.nan, 0))
+    adopted_test = tests.get(name, judged(np.nan, 0))
     others = {
         one: judged(combined[f"{one}_chi2"].values, combined[f"{one}_dof"].values) for one in ("variants", "catalogue")
     }
-    return {"level": level, "manoeuvres": own | {"variant": name, "by_variant": tests}} | others
+    return {"level": level, "manoeuvres": adopted_test | {"variant": name, "by_variant": tests}} | others
 
 
 def result_checks(combined, consistency, settings):
@@ -380,43 +380,43 @@ def printed_manoeuvres(document, published):
 
 def _combined_table(document, published):
     """Table of the combined offset of every variant, beside printed values, with the chi-square of the manoeuvres."""
-    known = {one.labels["variant"]: one for one in published.get("combined", ())}
+    printed = {one.labels["variant"]: one for one in published.get("combined", ())}
     tests = document["consistency"]["manoeuvres"]["by_variant"]
     rows = [
-        [name, *_offsets(block, block["sigma_total_um"], known, name), chi_square(tests[name])]
+        [name, *_offsets(block, block["sigma_total_um"], printed, name), chi_square(tests[name])]
         for name, block in document["variants"].items()
     ]
     adopted = document["adopted"]["variant"]
-    heads = ["angular acceleration", *_axis_heads(known, "{} printed"), "χ²/dof, p of manoeuvres"]
+    heads = ["angular acceleration", *_axis_heads(printed, "{} printed"), "χ²/dof, p of manoeuvres"]
     adopted_row = list(document["variants"]).index(adopted) if adopted else None
-    return WORDS.table("combined", rows, heads=heads, strong=adopted_row, wide=bool(known))
+    return WORDS.table("combined", rows, heads=heads, strong=adopted_row, wide=bool(printed))
 
 
-def _manoeuvre_table(document, known):
+def _manoeuvre_table(document, printed):
     """Table of the offset of every manoeuvre and variant, beside printed values, with the chi-square of the fit."""
     rows = []
     for index, one in enumerate(document["manoeuvres"]):
-        where = "" if one["latitude_deg"] is None else f", {signed(one['latitude_deg'], 0)}°"
+        latitude = "" if one["latitude_deg"] is None else f", {signed(one['latitude_deg'], 0)}°"
         missing = f", not used: gap in {' and '.join(one['gaps'])}" if one["gaps"] else ""
-        label = f"{index + 1} {one['kind']}{where}, {gps_text(one['start'])[11:]}{missing}"
+        label = f"{index + 1} {one['kind']}{latitude}, {gps_text(one['start'])[11:]}{missing}"
         for name, block in one["variants"].items():
-            rows.append([label, name, *_offsets(block, [None] * 3, known, (index, name)), chi_square(block["fit"])])
+            rows.append([label, name, *_offsets(block, [None] * 3, printed, (index, name)), chi_square(block["fit"])])
             label = None
-    heads = ["manoeuvre", "angular acc.", *_axis_heads(known, "printed"), "χ²/dof, p of fit"]
+    heads = ["manoeuvre", "angular acc.", *_axis_heads(printed, "printed"), "χ²/dof, p of fit"]
     return WORDS.table("manoeuvres", rows, heads=heads)
 
 
-def _axis_heads(known, printed_head):
+def _axis_heads(printed, printed_head):
     """Column heads of the three components, each followed by that of its printed value if there are any."""
-    return [head for axis in AXES for head in (f"{axis} (µm)", *([printed_head.format(axis)] if known else []))]
+    return [head for axis in AXES for head in (f"{axis} (µm)", *([printed_head.format(axis)] if printed else []))]
 
 
-def _offsets(block, total, known, key):
+def _offsets(block, total, printed, key):
     """Table cells of the three components in um, each followed by its printed value if there are any."""
     cells = []
     for i in range(3):
         cells.append(plus_minus(block["offset_um"][i], block["sigma_um"][i], total[i]))
-        cells += [plain.printed(known.get(key), i)] if known else []
+        cells += [plain.printed(printed.get(key), i)] if printed else []
     return cells
 
 
@@ -598,10 +598,10 @@ def _estimates(panels, document, printed):
             style = VARIANTS[name] | {"linestyle": "none", "markersize": 3.2}
             place = np.arange(len(manoeuvres)) + shift
             bars(panel, place, value, sigma, label=name, **style)
-            known = [printed.get((i, name)) for i in range(len(manoeuvres))]
-            known = np.array([None if one is None else one.value[row] for one in known], dtype=float)
-            if np.isfinite(known).any():
-                panel.plot(place, known, **style | {"markersize": 5.2, "markerfacecolor": "none"})
+            printed_values = [printed.get((i, name)) for i in range(len(manoeuvres))]
+            printed_values = np.array([None if one is None else one.value[row] for one in printed_values], dtype=float)
+            if np.isfinite(printed_values).any():
+                panel.plot(place, printed_values, **style | {"markersize": 5.2, "markerfacecolor": "none"})
     labels = [f"{i} {one['kind']}\n{one['latitude_class'] or ''}" for i, one in enumerate(manoeuvres, start=1)]
     panel.set_xticks(np.arange(len(manoeuvres)), labels)
     panel.set_xlim(-0.6, len(manoeuvres) - 0.4)

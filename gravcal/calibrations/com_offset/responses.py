@@ -76,9 +76,9 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray,
         forms = [form for entry in _entries() for form in _forms(entry)] + (_drivers(views[0]) if views else [])
     causes = []
     for form in forms:
-        signals, shape, whole = [form.of(one) for one in views], None, form.whole
+        signals, shape, candidate = [form.of(one) for one in views], None, form.whole
         columns = [None if s is None else one.whitened(s) for one, s in zip(views, signals, strict=True)]
-        timing = edge_column(whole.cause, smoothed, starts)
+        timing = edge_column(candidate.cause, smoothed, starts)
         if form.frequency is not None:
             shape = _mode_shape(views, form.frequency)
         if form.tau is not None:
@@ -88,10 +88,10 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray,
             continue
         if form.constants:
             shape = _law_shape(views, form)
-        key = *whole.form.split()[:1], form.base
+        key = *candidate.form.split()[:1], form.base
         wider = Wider(key, partial(_wider, form, views, smoothed, starts)) if form.base else None
-        whole = replace(whole, columns=[*columns, timing], shape=shape, wider=wider)
-        causes += [whole] if not whole.listed or whole.form.endswith("Hz") else whole.each_alone()
+        candidate = replace(candidate, columns=[*columns, timing], shape=shape, wider=wider)
+        causes += [candidate] if not candidate.listed or candidate.form.endswith("Hz") else candidate.each_alone()
     return causes
 
 
@@ -217,10 +217,10 @@ def _drivers(one: Manoeuvre) -> list[Form]:
     return forms
 
 
-def _unknown(channel, driver, form, width, signal, **known):
-    """Form of an unlisted driver with `width` series on three axes of a reading; `known` are other fields of Form."""
+def _unknown(channel, driver, form, width, signal, **fields):
+    """Form of an unlisted driver with `width` series on three axes of a reading; other fields of Form in `fields`."""
     names = [f"{channel}_{a}_{w}" if width > 1 else f"{channel}_{a}" for w in range(width) for a in "xyz"]
-    return Form(unknown(driver, f"{channel} reading, {form}", [], UNITS[channel], names), signal, **known)
+    return Form(unknown(driver, f"{channel} reading, {form}", [], UNITS[channel], names), signal, **fields)
 
 
 def _series(view, channel) -> list[tuple[str, str, np.ndarray]]:
@@ -306,8 +306,8 @@ def _wider(form, views, smoothed, starts):
 def _of_law(law, constants, channel, driver, screened=False):
     """Form of a law with constants; a `screened` one stands for all laws of its base, which it leads to."""
     signal = lambda one: {channel: on_axes(_values(law, one, channel, constants))}  # noqa: E731
-    known = {"law": law, "constants": tuple(map(float, constants)), "base": law.base if screened else ""}
-    return _unknown(channel, driver, law.told(constants), law.width, signal, **known)
+    fields = {"law": law, "constants": tuple(map(float, constants)), "base": law.base if screened else ""}
+    return _unknown(channel, driver, law.told(constants), law.width, signal, **fields)
 
 
 def _law_shape(views, form):
@@ -454,12 +454,12 @@ def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry])
     To first order in the effects: readings less their contribution, attitude less the rotation that an extra torque
     makes, tags less their delay. Beyond the manoeuvres and their pads only tags change, and what follows a step.
     """
-    extended, step, there = aligned.copy(deep=True), effect(STEP), Context(time=aligned["time_acc"].values)
+    extended, step, context = aligned.copy(deep=True), effect(STEP), Context(time=aligned["time_acc"].values)
     for entry in sorted(model, key=lambda e: e.cause == lag.CAUSE):  # what is left says where edges fall
         if entry.cause == STEP:
             *sizes, at = step.values(entry.values)
             for one in [lead.start + lead.lead for lead in entry.leads] or [at]:
-                extended["linear_b"].values -= step.contribution(there, [*sizes, one])
+                extended["linear_b"].values -= step.contribution(context, [*sizes, one])
             continue
         turns = entry.listed and effect(entry.cause).channel in ("dipole_b", "torque_b")
         for one in views:
@@ -472,10 +472,10 @@ def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry])
 def tags_moved(records: xr.Dataset, model: Sequence[Entry]) -> xr.Dataset:
     """Records whose tags are less by the delays of a model; drifts are below the tags' own error within a day."""
     for entry in (one for one in model if one.listed):
-        name, known = TAGS.get(effect(entry.cause).channel), effect(entry.cause)
-        if name and known.slug.endswith("delay"):
-            moved = (name, *EDGES) if name == "time_mag" else (name,)
-            records = records.assign({n: records[n] - known.values(entry.values)[0] for n in moved})
+        name, listed_effect = TAGS.get(effect(entry.cause).channel), effect(entry.cause)
+        if name and listed_effect.slug.endswith("delay"):
+            names = (name, *EDGES) if name == "time_mag" else (name,)
+            records = records.assign({n: records[n] - listed_effect.values(entry.values)[0] for n in names})
     return records
 
 
