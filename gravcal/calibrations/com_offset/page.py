@@ -138,7 +138,7 @@ def badges(document):
 
 
 def result(products, settings):
-    """Body of the result document of an event from {stage: product}, "combine" None without manoeuvre, or "survey"."""
+    """Body of the result document of an event from {stage: product}; "combine" is None without manoeuvre."""
     detected, combined = products["detect"], products["combine"]
     smoothed, field = products["attitude"], products["field"]
     residual = smoothed["sca_residual_b"].values
@@ -217,6 +217,7 @@ def manoeuvres(combined, detected, smoothed, field, settings):
         return plain.estimate(attitude[name][index], np.where(sigma < limit, sigma, np.nan))
 
     def single(variant, index):
+        """Offset block of one manoeuvre in one variant, by index, with the chi-square test of its fit."""
         keys = ("offset", "covariance", "determined", "chi2", "dof")
         offset, covariance, determined, chi2, dof = (joint[f"manoeuvre_{key}"][variant, index] for key in keys)
         return plain.offset_block(offset, covariance, determined) | {"fit": plain.chi_square_test(chi2, dof)}
@@ -275,6 +276,7 @@ def consistency(combined, name, level):
     """Chi-square tests with verdicts: of manoeuvres (adopted and each variant), of variants, of the catalogue."""
 
     def judged(chi2, dof):
+        """Chi-square test with a verdict at the level: consistent, not consistent or not tested."""
         test = plain.chi_square_test(chi2, dof)
         agree = None if test["p"] is None else test["p"] >= level
         words = {True: "consistent", False: "not consistent", None: "not tested"}
@@ -290,10 +292,7 @@ def consistency(combined, name, level):
 
 
 def result_checks(combined, consistency, settings):
-    """Checks of the result: fit of every manoeuvre, agreement at the level of the verdict, plausible size.
-
-    A variant that determines no component is not judged: nothing of it is delivered.
-    """
+    """Checks of fit of every manoeuvre, agreement and plausible size; without variants that determine no component."""
     fit = [combined[f"manoeuvre_{name}"].values.astype(float) for name in ("chi2", "dof")]
     ratio = np.divide(*fit, out=np.full_like(fit[0], np.nan), where=fit[1] > 0)
     delivered = np.isfinite(combined["offset"].values).any(axis=1)
@@ -514,6 +513,7 @@ def _stacked(panel, row, since, curves, styles, steps=False, size=None):
 
 @WORDS.figure("attitude")
 def _attitude(panels, smoothed):
+    """Plot the star-camera residuals (urad) of all manoeuvres, one after the other, a panel for each axis."""
     index, time = smoothed["sca_manoeuvre"].values, smoothed["time_sca"].values
     if time.size == 0:
         return

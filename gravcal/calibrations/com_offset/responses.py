@@ -182,7 +182,7 @@ def _earlier(view, context, word):
 
 
 def _deflected(frequency, damping):
-    """Function view -> signal (n, 3, 9) of a flexible mode (Hz, damping ratio), per metre of each leak `x_from_y`."""
+    """Function view -> signal (n, 3, 9) of a flexible mode (Hz, damping ratio), per metre of each `x_from_y`."""
 
     def signal(view):
         deflected = deflection(view.wide.time, view.wide.angular_b, frequency, damping)
@@ -233,10 +233,10 @@ def _there(view, channel):
     return view.wide if channel == "linear" else view.context
 
 
-def _made_series(view, channel):
+def _made_series(one, channel):
     """Rows of `_series`: hysteresis, products, the series of `_bases`, decays and a saw-tooth of the second."""
-    bases, context = _bases(view, channel), _there(view, channel)
-    time, since, length = context.time, context.time - view.time[0], view.time[-1] - view.time[0]
+    bases, context = _bases(one, channel), _there(one, channel)
+    time, since, length = context.time, context.time - one.time[0], one.time[-1] - one.time[0]
     current, sine = bases[CURRENT][1], np.sin(bases[LATITUDE][1])
     angle = np.cumsum((context.rate_b - context.rate_b.mean(axis=0)) * np.diff(time, prepend=time[0])[:, None], axis=0)
     angle = (angle - angle.mean(axis=0)) / max(np.abs(angle).max(), 1e-30)
@@ -248,7 +248,7 @@ def _made_series(view, channel):
     rows += [("torquer_current*field", f"current times field {'xyz'[i]}", current * field[:, i]) for i in range(3)]
     rows.append(("torquer_current*latitude", "current times sine of latitude", current * sine))
     rows.append(("torquer_current*time", "current growing along the manoeuvre", current * (since / length - 0.5)))
-    rows += [(name, *view) for name, values in (("rate", rate), ("attitude", angle)) for view in products(values)]
+    rows += [(name, *one) for name, values in (("rate", rate), ("attitude", angle)) for one in products(values)]
     rows += [(name, form, values) for form, (name, values) in bases.items()]
     decays = [(t, np.where(since >= 0, np.exp(-np.maximum(since, 0.0) / t), 0.0)) for t in SETTLING_S]
     rows += [("time", f"decay {t:g} s from the start", values) for t, values in decays]
