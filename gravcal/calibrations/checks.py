@@ -16,12 +16,12 @@ if TYPE_CHECKING:  # a plan looks at the schema alone
 
 @dataclass(frozen=True)
 class Check:
-    """One check with its outcome; the limit is an upper or a lower one, as the name says."""
+    """Outcome of one check of a value against a limit."""
 
-    name: str
+    name: str  #: quantity that is checked
     value: float
-    limit: float
-    unit: str
+    limit: float  #: upper or lower, as of `at_most` and `at_least`
+    unit: str  #: of both
     passed: bool
 
 
@@ -42,34 +42,34 @@ def largest(values: np.ndarray) -> float:
 
 
 def product(checks: Sequence[Check]) -> xr.Dataset:
-    """Checks as a product of the schema "checks"."""
-    columns = {name: [getattr(one, name) for one in checks] for name in ("value", "limit", "unit", "passed")}
-    return schemas.build(schemas.of("shared.toml")["checks"], {"check": [one.name for one in checks]} | columns)
+    """Product "checks", a Dataset with name, value, limit, unit and outcome of each check."""
+    columns = {name: [getattr(check, name) for check in checks] for name in ("value", "limit", "unit", "passed")}
+    return schemas.build(schemas.of("shared.toml")["checks"], {"check": [check.name for check in checks]} | columns)
 
 
 def of_product(dataset: xr.Dataset) -> list[Check]:
-    """Checks of a product."""
+    """Checks that a product "checks" holds, the inverse of `product`."""
     columns = (dataset[name].values.tolist() for name in ("check", "value", "limit", "unit", "passed"))
     return [Check(*row[:4], bool(row[4])) for row in zip(*columns, strict=True)]
 
 
 def longest_constant(time: np.ndarray, values: np.ndarray, longest_step: float = np.inf) -> float:
-    """Longest time (s) over which any column of (n, m) reads the same at every sample: frozen, zero, saturated.
+    """Longest time (s) over which a column of values (n, m) at (n,) s is constant: frozen, zero or saturated.
 
-    A step from sample to sample that is longer than a limit (s) ends it.
+    Missing values (NaN) are left out, a column of these alone gives inf; a step above `longest_step` (s) ends a run.
     """
     longest = 0.0
     for series in values.T:
         known = np.isfinite(series)
         epoch, reading = time[known], series[known]
-        other = (reading[1:] != reading[:-1]) | (np.diff(epoch) > longest_step)
-        edge = np.flatnonzero(np.concatenate([[True], other, [True]])) if epoch.size else []
+        changed = (reading[1:] != reading[:-1]) | (np.diff(epoch) > longest_step)
+        edge = np.flatnonzero(np.concatenate([[True], changed, [True]])) if epoch.size else []
         longest = max(longest, np.max(epoch[edge[1:] - 1] - epoch[edge[:-1]], initial=0.0) if epoch.size else np.inf)
     return float(longest)
 
 
 def velocity_error(time: np.ndarray, position: np.ndarray, velocity: np.ndarray) -> float:
-    """Largest difference (m s-1) of mean velocity and change of position from one sample to the next; inf of nothing.
+    """Largest error (m s-1) of velocities (n, 3) against the change of positions (n, 3) m in a step; inf if too few.
 
     Notes
     -----
@@ -82,12 +82,12 @@ def velocity_error(time: np.ndarray, position: np.ndarray, velocity: np.ndarray)
         return np.inf
     step = np.diff(time)
     change = np.diff(np.gradient(velocity, time, axis=0, edge_order=2), axis=0)
-    left = np.diff(position, axis=0) / step[:, None] - (velocity[1:] + velocity[:-1]) / 2 + step[:, None] * change / 12
-    return float(np.linalg.norm(left, axis=1)[step < 1.5 * np.median(step)].max())
+    error = np.diff(position, axis=0) / step[:, None] - (velocity[1:] + velocity[:-1]) / 2 + step[:, None] * change / 12
+    return float(np.linalg.norm(error, axis=1)[step < 1.5 * np.median(step)].max())
 
 
 def attitude_jump(time: np.ndarray, quaternion: np.ndarray) -> float:
-    """Largest change (rad) of the turn from one attitude to the next; attitudes of no norm and gaps are left out."""
+    """Largest change (rad) between successive rotations of attitudes (n, 4) at (n,) s, zero norm and gaps left out."""
     from gravcal.physics import frames
 
     norm = np.linalg.norm(quaternion, axis=1)

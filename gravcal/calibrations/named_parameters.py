@@ -10,23 +10,23 @@ from gravcal.estimation.chi2_tail import log_tail
 
 
 def solution(information: np.ndarray, right: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values (p,) and covariance (p, p) of normal equations A'A (p, p) and A'y (p,) of whitened rows.
+    """Solution (p,) and covariance (p, p) of the normal equations A'A (p, p), A'y (p,) of whitened rows.
 
     NaN where the standard deviation of a parameter is beyond its limit (p,): the data do not determine it.
     """
     covariance = least_squares.covariance(information)
     variance = np.diag(covariance)
-    lost = ~((variance > 0) & (variance <= limit**2))
-    value = np.where(lost, np.nan, least_squares.stable_inverse(information) @ right)
-    covariance[lost] = covariance[:, lost] = np.nan
+    undetermined = ~((variance > 0) & (variance <= limit**2))
+    value = np.where(undetermined, np.nan, least_squares.stable_inverse(information) @ right)
+    covariance[undetermined] = covariance[:, undetermined] = np.nan
     return value, covariance
 
 
 def estimated(names, units, limit, information, right, starts, size=1.0) -> dict[str, object]:
-    """Variables of PARAMETERS from the normal equations (k, p, p) and (k, p) of every part of the record.
+    """{variable of a product of named parameters: value}, from normal equations (k, p, p), (k, p) of parts of a record.
 
-    Parts begin at the starts (k,) GPS s; limit (p,) is the largest standard deviation of what is determined. Equations
-    and limit count the parameters in units of some size (p,).
+    Parts begin at the starts (k,) GPS s; a parameter with a standard deviation above its limit (p,) is not determined.
+    Equations and limit are for parameters in units of `size` (p,), which the values are multiplied by.
     """
     value, covariance = solution(information.sum(axis=0), right.sum(axis=0), limit)
     parts = [solution(*part, limit) for part in zip(information, right, strict=True)]
@@ -46,22 +46,22 @@ def estimated(names, units, limit, information, right, starts, size=1.0) -> dict
 
 
 def agreement(information: np.ndarray, right: np.ndarray) -> tuple[float, int]:
-    """Chi-square by which parts (k, p, p), (k, p) disagree with the joint solution, and its degrees of freedom."""
+    """Chi-square and degrees of freedom of normal equations of parts (k, p, p), (k, p) about a common solution."""
     return least_squares.disagreement(right, information, [np.zeros((right.shape[1], 0))] * len(right))
 
 
 def with_model_error(solved: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:
-    """Estimate with the errors of an extended model, from one Dataset moved along each direction of these errors."""
+    """Product with covariance and sigma widened by a model error: one moved product per direction, by one sigma."""
     new = widened(solved, moved, {"value": ("covariance",)})
     return replaced(solved, new | {"sigma": np.sqrt(np.diag(new["covariance"]))})
 
 
 def checks(solved: xr.Dataset, agreement_p: float) -> list[Check]:
-    """Checks of a result: that something is determined, and that the parts agree with at least this probability."""
+    """Checks that a result determines a parameter, and that its parts agree with at least a probability agreement_p."""
     known = np.isfinite(solved["value"].values)
-    made = [at_least("parameters determined", known.sum(), 1, "1")]
+    outcomes = [at_least("parameters determined", known.sum(), 1, "1")]
     dof = int(solved["agreement_dof"])
     if known.any() and dof > 0:
         p = np.exp(float(log_tail(float(solved["agreement_chi2"]), dof)))
-        made.append(at_least("probability that the parts of the record agree so badly", p, agreement_p, "1"))
-    return made
+        outcomes.append(at_least("probability that the parts of the record agree so badly", p, agreement_p, "1"))
+    return outcomes

@@ -1,4 +1,4 @@
-"""Effects: what nature and instruments add, one object each.
+"""Effects: contributions of nature and instruments to the measurements, one object each.
 
 The simulator injects an effect, the estimator fits it, discovery proposes it; `catalogue()` lists them all.
 """
@@ -13,14 +13,14 @@ __all__ = ["CHANNELS", "Context", "Effect", "Parameter", "catalogue", "effect"]
 
 
 def catalogue() -> dict[str, Effect]:
-    """Every effect by slug."""
+    """{slug: Effect} of all families."""
     families = (sensors.TIMING, torque.EFFECTS, accelerometer.EFFECTS, sensors.EFFECTS)
     families += (ranging.EFFECTS, inertial_sensor.EFFECTS, gradient.EFFECTS)
     return {entry.slug: entry for family in families for entry in family}
 
 
 def effect(slug: str) -> Effect:
-    """One effect by its slug "family.name"; an unknown one names its nearest neighbours."""
+    """Effect by its slug "family.name"; for an unknown one a CatalogError names the nearest slugs."""
     known = catalogue()
     if slug not in known:
         near = difflib.get_close_matches(slug, known, n=3) or sorted(known)[:5]

@@ -1,4 +1,4 @@
-"""What an accelerometer reads: offset from the centre of mass, scale, leaks, steps, tones."""
+"""Effects on accelerometer readings: offset from the centre of mass, scale, cross-talk, steps, tones, flexible mode."""
 
 import numpy as np
 from numba import njit
@@ -23,10 +23,10 @@ _SPEED = axes("speed", "m s-1", "drift of proof mass to centre of mass along", 1
 
 @law("accelerometer.moving_offset", "linear_b", _SPEED, "equations.md (M1), terms in dp/dt")
 def _moving(context: Context, values):
-    """Offset drifting at a constant speed, zero at mid manoeuvre; the speed terms 2 w x dp/dt are kept."""
+    """Contribution (n, 3) of an offset drifting at values (3,) m s-1, zero at mid manoeuvre; 2 w x dp/dt is kept."""
     middle = (context.start + context.stop) / 2
-    nearest = middle[np.argmin(np.abs(context.time[:, None] - middle), axis=1)] if middle.size else context.time[0]
-    elapsed = (context.time - nearest)[:, None]
+    reference = middle[np.argmin(np.abs(context.time[:, None] - middle), axis=1)] if middle.size else context.time[0]
+    elapsed = (context.time - reference)[:, None]
     tensor = offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b)
     return -(elapsed * (tensor @ np.asarray(values)) + 2 * np.cross(context.rate_b, values))
 
@@ -66,7 +66,7 @@ law("accelerometer.angular_misalignment", "angular_b", _ANGLE, "reading")(base.m
 _LEAK = pairs("rad s-2 A-1 m-2", "reading about {0[0]} per dipole along {0[7]}", 1e-8)
 law("accelerometer.angular_current_leak", "angular_b", _LEAK, _COUPLING)(base.coupled("dipole_b"))
 _SHARE = each(("xy", "xz", "yz"), "1", "share of {0[0]} read by {0[1]} and of {0[1]} by {0[0]}", 1e-2)
-# Each of two axes reads the same share of the other; the antisymmetric part is a misalignment.
+# Symmetric part of the cross-talk, an equal share between two axes; the antisymmetric part is a misalignment.
 law("accelerometer.cross_talk", "linear_b", _SHARE, "electrode cross-talk")(
     lambda context, values: context.linear_b @ base.symmetric(*values)
 )
@@ -77,7 +77,7 @@ _MODE = (
     Parameter("damping", "1", "damping ratio", 0.01, neutral=0.02, lower=0.0),
     *pairs("m", "reading of {0[0]} per angular acceleration about {0[7]} that lasts", 1e-4),
 )
-# Deflection under angular acceleration a: x'' + 2 z w x' + w^2 x = w^2 a, reading c x.
+# Flexible mode driven by angular acceleration a: x'' + 2 z w x' + w^2 x = w^2 a, reading c x.
 law("accelerometer.flexible_mode", "linear_b", _MODE, "elastic mounting", linear=False)(
     lambda context, values: deflection(context.time, context.angular_b, *values[:2]) @ np.reshape(values[2:], (3, 3)).T
 )
@@ -85,21 +85,21 @@ law("accelerometer.flexible_mode", "linear_b", _MODE, "elastic mounting", linear
 
 @njit(cache=True)
 def deflection(time, drive, frequency, damping):
-    """Oscillators (n, k) that follow their drives (n, k) of any unit, at rest at first.
+    """Response (n, k) of damped oscillators to drives (n, k) at (n,) s, in the unit of the drive, at rest at first.
 
-    The mean of both drives is held between two epochs: a drive half a step late would look like another natural
-    frequency. Natural frequency in Hz, damping ratio below 1.
+    Between two epochs the drive is held at the mean of both: half a step late it would look like another natural
+    frequency. Frequency is the undamped natural one in Hz, damping the damping ratio, below 1.
     """
-    out = np.zeros(drive.shape)
+    response = np.zeros(drive.shape)
     omega = 2 * np.pi * max(frequency, 1e-9)
-    decay, swing = damping * omega, omega * np.sqrt(1 - damping**2)
+    decay, damped_omega = damping * omega, omega * np.sqrt(1 - damping**2)
     for i in range(drive.shape[1]):
-        x, v = 0.0, 0.0
+        x, x_dot = 0.0, 0.0
         for k in range(1, time.size):
             step, target = time[k] - time[k - 1], (drive[k - 1, i] + drive[k, i]) / 2
-            c, s, fade = np.cos(swing * step), np.sin(swing * step), np.exp(-decay * step)
-            away = x - target
-            x = target + fade * (away * c + (v + decay * away) / swing * s)
-            v = fade * (v * c - (decay * v + omega**2 * away) / swing * s)
-            out[k, i] = x
-    return out
+            cosine, sine, fade = np.cos(damped_omega * step), np.sin(damped_omega * step), np.exp(-decay * step)
+            distance = x - target
+            x = target + fade * (distance * cosine + (x_dot + decay * distance) / damped_omega * sine)
+            x_dot = fade * (x_dot * cosine - (decay * x_dot + omega**2 * distance) / damped_omega * sine)
+            response[k, i] = x
+    return response

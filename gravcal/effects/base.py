@@ -1,4 +1,4 @@
-"""What an effect is: parameters with units and one additive contribution to one channel of the forward model."""
+"""Effects: parameters with units and one additive contribution to one channel of the forward model."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ CHANNELS = {
     "angular_b": "rad s-2",  # reading of the accelerometer, angular
     "electrode_v": "V",  # recorded actuation voltages of an inertial sensor, in the order of its electrodes
     "pointing_b": "rad",  # small rotation from true to measured attitude
-    "heads_b": "rad",  # the same, as far as it follows the heads in use
+    "heads_b": "rad",  # the part of that rotation that changes with the star-camera heads in use
     "field_b": "T",  # reading of the magnetometer
     "linear_each_b": "m s-2",  # readings of several test masses, one after the other, linear
     "angular_each_b": "rad s-2",  # the same, angular
@@ -27,14 +27,14 @@ CHANNELS = {
 }
 
 
-#: Values of parameters that bend a law, where it is found: s, 1, rad, A m2, rad.
+#: Usual values of parameters that a contribution is not linear in: s, 1, rad, A m2, rad.
 USUAL = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0, "period": 0.021}
-REVERSED = -3.0  # excess of a scale, from which on it has a meaning: with its sign reversed, twice as strong
+REVERSED = -3.0  # smallest relative excess of a scale that has a meaning: factor -2, the sign reversed
 
 
 @dataclass(frozen=True)
 class Parameter:
-    """One number of an effect."""
+    """One parameter of an effect."""
 
     name: str  #: word used in settings, results and model files
     unit: str  #: SI
@@ -46,15 +46,15 @@ class Parameter:
 
 @dataclass(frozen=True)
 class Context:
-    """What an effect may look at, on the epochs of its channel; fields that a channel has not are None."""
+    """Quantities that a contribution may depend on, at the epochs of its channel; those that do not apply are None."""
 
     time: np.ndarray  #: (n,) s, GPS
     rate_b: np.ndarray | None = None  #: (n, 3) rad s-1, body with respect to inertial
     rate_dot_b: np.ndarray | None = None  #: (n, 3) rad s-2
-    gradient_b: np.ndarray | None = None  #: (n, 3, 3) s-2, gravity gradient
+    gradient_b: np.ndarray | None = None  #: (n, 3, 3) s-2, gravity gradient dg/dr
     dipole_b: np.ndarray | None = None  #: (n, 3) A m2, commanded dipole
     field_b: np.ndarray | None = None  #: (n, 3) T, geomagnetic field
-    linear_b: np.ndarray | None = None  #: (n, 3) m s-2, reading so far
+    linear_b: np.ndarray | None = None  #: (n, 3) m s-2, reading before this effect is added
     angular_b: np.ndarray | None = None  #: (n, 3) rad s-2, likewise
     inertia_b: np.ndarray | None = None  #: (3, 3) kg m2
     start: np.ndarray = field(default_factory=lambda: np.zeros(0))  #: (k,) s, manoeuvres
@@ -77,18 +77,18 @@ class Effect:
     linear: bool = True  #: the contribution is proportional to the parameters
 
     def plausible(self, share: Callable[[], float]) -> dict[str, float]:
-        """Values by name at shares of the plausible sizes; what bends the law is as it usually is."""
+        """{name: value} of `share()` times the prior sigma of each parameter; those in `USUAL` have that value."""
         sizes = ((p.name, float(p.prior_sigma * share())) for p in self.parameters)
         return {name: USUAL.get(name, size) for name, size in sizes}
 
     def values(self, numbers: Mapping[str, float]) -> np.ndarray:
-        """Parameter values in order from SI values by name, neutral where not given."""
+        """Parameter values (p,) in order, from {name: SI value}; neutral ones where a name is missing."""
         return np.array([numbers.get(p.name, p.neutral) for p in self.parameters], dtype=float)
 
     def columns(self, context: Context, at: np.ndarray | None = None) -> np.ndarray:
-        """Derivative of the contribution by each parameter, last axis; central differences where not linear.
+        """Partial derivatives (..., p) of the contribution by the parameters; central differences where not linear.
 
-        They are taken about the values ``at`` (p,), neutral by default; at the end of a range by one plausible step.
+        They are taken at the values ``at`` (p,), neutral by default; at a lower bound by a step of one prior sigma.
         """
         at = self.values({}) if at is None else np.asarray(at, dtype=float)
         parts = []
@@ -108,10 +108,10 @@ class Effect:
 
 
 class Laws(list):
-    """Effects of a family, in order."""
+    """List of the effects of one family."""
 
     def law(self, slug: str, channel: str, parameters, reference: str, **more) -> Callable:
-        """Decorator that adds an effect of this contribution (context, values); arguments as the fields of `Effect`."""
+        """Decorator that adds an Effect with the decorated contribution (context, values); arguments are its fields."""
 
         def add(contribution):
             self.append(Effect(slug, channel, tuple(parameters), contribution, reference, **more))
@@ -127,48 +127,48 @@ def axes(name: str, unit: str, meaning: str, prior_sigma: float, **more) -> tupl
 
 
 def each(names, unit: str, meaning: str, prior_sigma: float) -> tuple[Parameter, ...]:
-    """Parameters of the same kind by name; the meaning holds "{0}" for the name, or "{0[0]}" for its first letter."""
+    """Parameters of one kind, one for each name, which replaces "{0}" (or its first letter "{0[0]}") in the meaning."""
     return tuple(Parameter(name, unit, meaning.format(name), prior_sigma) for name in names)
 
 
 def pairs(unit: str, meaning: str, prior_sigma: float) -> tuple[Parameter, ...]:
-    """Parameters of all nine pairs of axes, "x_from_y", row by row as in `coupled`."""
+    """Parameters "x_from_y" of the nine pairs of axes, the elements of the matrix of `coupled` row by row."""
     return each([f"{a}_from_{b}" for a in "xyz" for b in "xyz"], unit, meaning, prior_sigma)
 
 
 def symmetric(xy: float, xz: float, yz: float) -> np.ndarray:
-    """Symmetric matrix (3, 3) without diagonal."""
+    """Symmetric matrix (3, 3) of three off-diagonal elements, its diagonal zero."""
     return np.array([[0, xy, xz], [xy, 0, yz], [xz, yz, 0]])
 
 
-# laws that several families share: contributions (context, values) by what they act on
+# contributions (context, values) that several families share; `name` is the vector (n, 3) of the Context they act on
 
 
 def scaled(name: str) -> Callable:
-    """Each axis of a vector of the context larger by its share."""
+    """Contribution of scale errors: each component of a vector times its relative excess, values (3,)."""
     return lambda context, values: getattr(context, name) * values
 
 
 def misaligned(name: str) -> Callable:
-    """A vector a of the context read in a frame turned by the small rotation v: da = a x v."""
+    """Contribution da = a x v to a vector a that is read in a frame turned by a small rotation v, values (3,) rad."""
     return lambda context, values: np.cross(getattr(context, name), values)
 
 
 def coupled(name: str) -> Callable:
-    """Matrix (3, 3), row by row, times a vector of the context."""
+    """Contribution of couplings: matrix (3, 3), values (9,) row by row, times a vector."""
     return lambda context, values: getattr(context, name) @ np.asarray(values).reshape(3, 3).T
 
 
 def constant(context: Context, values) -> np.ndarray:
-    """The same vector at every epoch."""
+    """Contribution (n, 3) of the same vector, values (3,), at every epoch."""
     return np.broadcast_to(values, (*context.time.shape, 3)).copy()
 
 
 def warming(context: Context, values) -> np.ndarray:
-    """Vector that follows sunlight through a first-order lag."""
+    """Contribution (n, 3) of values (3,) times `warmth`, 0 to 1: sunlight through a first-order lag."""
     return context.extra["warmth"][:, None] * np.asarray(values)
 
 
 def drifting(context: Context, values) -> np.ndarray:
-    """Vector that grows from the reference epoch."""
+    """Contribution (n, 3) of a drift, values (3,) per second, zero at the reference epoch."""
     return (context.time - context.epoch)[:, None] * np.asarray(values)

@@ -1,6 +1,6 @@
-"""What a reading in no list may follow: products and waves of measured series, and laws with constants made of one.
+"""Drivers outside the catalogue that a reading may follow: products and waves of measured series, and laws of one.
 
-A law takes a series through a nonlinearity, a kernel and a gate; its words say so, and its constants are fitted.
+A law takes a series through a nonlinearity, a kernel and a gate, named by its words; its constants are fitted.
 """
 
 import itertools
@@ -14,19 +14,19 @@ from gravcal.effects.accelerometer import deflection
 
 
 def products(values: np.ndarray, square: str = "product {0}{0}") -> Iterator[tuple[str, np.ndarray]]:
-    """Words and products (...) of every pair of axes of a vector (..., 3), its squares with words of their own."""
+    """Pairs (words, product (...)) for all six products of two components of vectors (..., 3), squares included."""
     for i, j in itertools.combinations_with_replacement(range(3), 2):
         words = square.format("xyz"[i]) if i == j else f"product {'xyz'[i]}{'xyz'[j]}"
         yield words, values[..., i] * values[..., j]
 
 
 def waves(argument: np.ndarray, orders=(1, 2, 3, 4)) -> Iterator[tuple[str, np.ndarray]]:
-    """Words, and waves (..., 2), cosine and sine, of multiples of an angle (...) rad along which something may vary."""
+    """Pairs (words, cosine and sine (..., 2)) for multiples of an angle (...) rad, argument of a periodic driver."""
     for order in orders:
         yield f"wave of {order} times its argument", np.stack([np.cos(order * argument), np.sin(order * argument)], -1)
 
 
-#: What a law does to a series x: words, and a function of x and of constants of these names.
+#: {words: (names of constants, function of a series x and these constants)}; kernels take the time s, too, gates `off`.
 NONLINEAR = {
     "{}": ((), lambda x: x),
     "the square of {}": ((), lambda x: x**2),
@@ -48,7 +48,7 @@ GATES = {
     "{} while the torquers are off": lambda off, x: off * x,
 }
 MEMORY, WAVES = "a memory of {}", "waves in {}"
-#: Unit, values that are tried and bounds of a constant.
+#: {constant: (unit, values to start a fit from, bounds)}.
 CONSTANTS = {
     "threshold": ("1", (0.3, 0.6), (0.02, 0.98)),
     "level": ("1", (0.15, 0.5), (0.02, 5.0)),
@@ -62,45 +62,45 @@ CONSTANTS = {
 
 @dataclass(frozen=True)
 class Law:
-    """A series, by its words, through a nonlinearity, a kernel and a gate, each a key of its table."""
+    """Law of a driver: a series through a nonlinearity, a kernel and a gate, in this order."""
 
-    base: str
-    nonlinear: str = "{}"
-    kernel: str = "{}"
-    gate: str = "{}"
+    base: str  #: words of the series
+    nonlinear: str = "{}"  #: key of NONLINEAR
+    kernel: str = "{}"  #: key of KERNELS
+    gate: str = "{}"  #: key of GATES
 
     @property
     def words(self) -> str:
-        """The law in words."""
+        """Description of the law, such as "a memory of the square of the current"."""
         return self.gate.format(self.kernel.format(self.nonlinear.format(self.base)))
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Its constants."""
+        """Names of its constants, those of the nonlinearity first."""
         return NONLINEAR[self.nonlinear][0] + KERNELS[self.kernel][0]
 
     @property
     def width(self) -> int:
-        """Number of series that it makes of one."""
+        """Number of columns of `values`: 2 for waves, else 1."""
         return 2 if self.nonlinear == WAVES else 1
 
     def tried(self) -> Iterator[tuple[float, ...]]:
-        """Constants that are tried."""
+        """Sets of constants to start a fit from, in the order of `names`."""
         return itertools.product(*(CONSTANTS[name][1] for name in self.names))
 
     def told(self, constants) -> str:
-        """The law in words, with its constants."""
+        """Description of the law with values and units of its constants."""
         rows = zip(self.names, constants, strict=True)
         return ", ".join([self.words, *(f"{n} {v:.4g} {CONSTANTS[n][0]}".removesuffix(" 1") for n, v in rows)])
 
     def tells(self, words: str) -> bool:
-        """True if these words are those of this law with some constants."""
+        """True if words describe this law, with or without values of its constants."""
         return words == self.words or bool(self.names) and words.startswith(f"{self.words}, {self.names[0]} ")
 
     def values(self, time: np.ndarray, series: np.ndarray, constants, *, off: np.ndarray, rested: bool) -> np.ndarray:
-        """Values (n, w) of the law of a series (n,) at times s, by its constants, where the torquers are `off` (n,).
+        """Values (n, width) of the law for a series (n,) at (n,) s, with its constants; `off` (n,) bool: torquers off.
 
-        `rested` says that the series was zero before the first epoch.
+        `rested`: the series was zero before the first epoch, else a memory starts from its first value.
         """
         count, constants = len(NONLINEAR[self.nonlinear][0]), tuple(map(float, constants))
         x = NONLINEAR[self.nonlinear][1](series, *constants[:count])
@@ -113,16 +113,16 @@ class Law:
 
 
 def laws(base: str, waves_only: bool) -> list[Law]:
-    """Laws of a series that differ from it; of one that grows all the time, as latitude does, its waves."""
+    """Laws of a series other than itself; of one that grows all the time, as latitude does, only its waves."""
     if waves_only:
         return [Law(base, WAVES)]
-    both = [Law(base, n, k) for n in NONLINEAR if n != WAVES for k in KERNELS if (n, k) != ("{}", "{}")]
-    return both + [Law(base, n, gate=g) for n in list(NONLINEAR)[:3] for g in GATES if g != "{}"]
+    filtered = [Law(base, n, k) for n in NONLINEAR if n != WAVES for k in KERNELS if (n, k) != ("{}", "{}")]
+    return filtered + [Law(base, n, gate=g) for n in list(NONLINEAR)[:3] for g in GATES if g != "{}"]
 
 
 @numba.njit(cache=True)
 def lagged(time, values, lag_s):
-    """Series (n,) through a first-order lag, s."""
+    """Series (n,) at (n,) s through a first-order lag (s), settled at its first value."""
     out, state = np.empty_like(values), values[0]
     for k in range(values.size):
         step = time[k] - time[k - 1] if k else 0.0
@@ -133,7 +133,7 @@ def lagged(time, values, lag_s):
 
 @numba.njit(cache=True)
 def play(values, width):
-    """Series (n,) behind a play of some width: hysteresis."""
+    """Series (n,) through a play operator of a width (unit of the series): hysteresis, from a state of zero."""
     out, state = np.empty_like(values), 0.0
     for k in range(values.size):
         state = min(max(state, values[k] - width / 2), values[k] + width / 2)

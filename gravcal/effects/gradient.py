@@ -1,4 +1,4 @@
-"""Effects on sensors that feel the gravity gradient: a place that is not where it is stated, a field that is off.
+"""Effects on a pair of accelerometers in the gravity gradient: errors of their positions and of the gravity field.
 
 Contributions are (n, sensors, 3), as an accelerometer reads them. The context holds `extra["positions"]`
 (sensors, 3) m and `extra["tesseral_b"]` (n, 2, 3, 3) s-2, gravity gradient of C_nm = 1 and of S_nm = 1. A centre of
@@ -20,7 +20,7 @@ EFFECTS = Laws()
 law = EFFECTS.law
 
 _PLACE = axes("", "m", "distance of both test masses from their place along", 1e-3)
-# Both sensors moved by the same vector: what eq. 10 takes to be zero, as an accelerometer reads it.
+# Both sensors displaced by the same vector, which eq. 10 takes to be zero.
 law("gradient.mounting", "linear_each_b", _PLACE, SOURCE)(
     lambda context, values: _each(context, np.matvec(tensor(context), values))
 )
@@ -33,7 +33,7 @@ law("gradient.separation", "linear_each_b", _APART, SOURCE)(
     )
 )
 _SHARE = (Parameter("scale", "1", "relative excess of the gravity gradient", 1e-3),)
-# Gravity gradient larger than modelled, felt at each sensor's place.
+# Gravity gradient larger than modelled, at the position of each sensor.
 law("gradient.field_scale", "linear_each_b", _SHARE, SOURCE)(
     lambda context, values: -values[0] * np.matvec(context.gradient_b[:, None], context.extra["positions"])
 )
@@ -41,7 +41,7 @@ _WAVE = (
     Parameter("cosine", "1", "excess of C_nm, of degree and order 2 if no others are named,", 1e-8),
     Parameter("sine", "1", "excess of S_nm, likewise,", 1e-8),
 )
-# Gradient of coefficients that the model does not know, felt at each sensor's place.
+# Gradient of tesseral coefficients that the model lacks, at the position of each sensor.
 law("gradient.tesseral", "linear_each_b", _WAVE, SOURCE)(
     lambda context, values: (
         -np.matvec(np.tensordot(values, context.extra["tesseral_b"], (0, 1))[:, None], context.extra["positions"])
@@ -51,10 +51,10 @@ law("gradient.tesseral", "linear_each_b", _WAVE, SOURCE)(
 
 def tesseral(position_e: np.ndarray, R_be: np.ndarray, degree: int = 2, order: int = 2) -> np.ndarray:
     """Gravity gradient (n, 2, 3, 3) s-2 in b of C_nm = 1 and of S_nm = 1, normalised, at (n, 3) m; R_be (n, 3, 3)."""
-    unit, none = np.zeros((2, degree + 1, degree + 1))
+    unit, zero = np.zeros((2, degree + 1, degree + 1))
     unit[degree, order] = 1.0
-    fields = (gravity.Field(GM, EARTH_RADIUS, *pair) for pair in ((unit, none), (none, unit)))
-    return np.stack([gravity.rotate_tensor(R_be, gravity.gradient_e(one, position_e)) for one in fields], axis=1)
+    fields = (gravity.Field(GM, EARTH_RADIUS, *pair) for pair in ((unit, zero), (zero, unit)))
+    return np.stack([gravity.rotate_tensor(R_be, gravity.gradient_e(field, position_e)) for field in fields], axis=1)
 
 
 _BIAS = axes("", "rad s-2", "constant angular reading about", 1e-9)
@@ -64,28 +64,28 @@ law("gradient.angular_bias", "angular_each_b", _BIAS, SOURCE)(
 
 
 def _each(context, reading):
-    """The same reading for every sensor, (n, sensors, 3)."""
+    """Reading (n, sensors, 3) that is the same (n, 3) for every sensor of a Context."""
     return np.repeat(reading[:, None, :], len(context.extra["positions"]), axis=1)
 
 
 def readings(about: Context, entry: Effect, law: Callable) -> dict[str, np.ndarray]:
-    """What a law of an effect adds to the readings of each sensor, {"linear", "angular": (n, sensors or 1, 3, ...)}."""
+    """{"linear" or "angular": (n, sensors or 1, 3, ...)}, contribution of `law`, Context -> array, to each sensor."""
     if entry.channel in ("linear_each_b", "angular_each_b"):
         return {entry.channel.removesuffix("_each_b"): law(about)}
     return {"angular": law(replace(about, angular_b=about.rate_dot_b))[:, None]} if entry.channel == "angular_b" else {}
 
 
 def added_to_channels(about: Context, entry: Effect) -> dict[str, np.ndarray]:
-    """Derivatives of the observables of a pair of sensors by the parameters of an effect, {channel: (n, 3, q)}, SI.
+    """{channel: (n, 3, q)}, partial derivatives of the observables of a pair of sensors by an effect's parameters, SI.
 
-    Channels are the difference of both "linear" readings, the "attitude" by the star camera against the angular ones,
-    rad s-2, and the "torque" that gravity gradient and control leave, N m. Files hold minus a reading: hence the signs.
+    Channels are "linear", the difference of both linear readings m s-2; "attitude", the star camera against the angular
+    readings rad s-2; "torque" N m beside gravity gradient and control. Files hold minus a reading: hence the signs.
     """
-    each = readings(about, entry, entry.columns)
-    if "linear" in each:
-        return {"linear": each["linear"][:, -1] - each["linear"][:, 0]}
-    if "angular" in each:
-        return {"attitude": -each["angular"].mean(axis=1)}
+    by_kind = readings(about, entry, entry.columns)
+    if "linear" in by_kind:
+        return {"linear": by_kind["linear"][:, -1] - by_kind["linear"][:, 0]}
+    if "angular" in by_kind:
+        return {"attitude": -by_kind["angular"].mean(axis=1)}
     if entry.channel == "torque_b":
         return {"torque": entry.columns(about)}
     if entry.channel == "dipole_b":
@@ -99,15 +99,15 @@ def added_to_channels(about: Context, entry: Effect) -> dict[str, np.ndarray]:
 
 
 def apart(about: Context) -> np.ndarray:
-    """Vector (3,) m from the second sensor to the first."""
+    """Baseline (3,) m from the second sensor to the first."""
     return about.extra["positions"][0] - about.extra["positions"][1]
 
 
 def tensor(about: Context) -> np.ndarray:
-    """Tensor (n, 3, 3) s-2 of the offset of a sensor."""
+    """Tensor T (n, 3, 3) s-2 of the acceleration T p that a sensor at p from the centre of mass reads."""
     return offset_tensor(about.rate_b, about.rate_dot_b, about.gradient_b)
 
 
 def reading_of(about: Context, sensor: int) -> np.ndarray:
-    """What the model says an accelerometer in the place of a sensor reads, (n, 3) m s-2."""
+    """Modelled reading (n, 3) m s-2 of the accelerometer with index `sensor`: non-gravitational part plus T p."""
     return about.extra["non_gravitational_b"] + np.matvec(tensor(about), about.extra["positions"][sensor])

@@ -1,7 +1,6 @@
-"""The six electrode voltages of the inertial sensor: what they read and push, how linear and angular factors are tied.
+"""Six electrode voltages of the inertial sensor, linear and angular scale factors, and effects on its readings.
 
-Errata T-4 and T-5: a voltage counted once contributes the force M k V; acting at the arm l it turns the test mass by
-l M k V / J. So beta = M l k / J, without the printed 1/2.
+Errata T-4, T-5: a voltage counted once makes the force M k V at the arm l: beta = M l k / J, without the printed 1/2.
 """
 
 import numpy as np
@@ -20,12 +19,12 @@ READOUT = np.array(
     ]
 )
 
-#: Of the suspension, rad s-1: the test mass lags by its acceleration over the square; assumed, no source prints it.
+#: rad s-1, bandwidth of the suspension: displacement is acceleration over its square; assumed, no source prints it.
 LOOP = 2 * np.pi * 1.0
 
 
 def linear_over_angular(mass: float, inertia, arm) -> np.ndarray:
-    """Ratios J/(M l), (3,) m, that take beta_x to k_z, beta_y to k_x and beta_z to k_x; kg, kg m2, m.
+    """Ratios J / (M l) (3,) m that convert beta_x to k_z, beta_y to k_x, beta_z to k_x; mass kg, inertia kg m2, arm m.
 
     k = J beta / (M l); Remote Sens. 2023, 15, 3817, eqs. 8-10 without their factor 1/2 (erratum T-4).
     """
@@ -33,12 +32,12 @@ def linear_over_angular(mass: float, inertia, arm) -> np.ndarray:
 
 
 def readouts(volts: np.ndarray) -> np.ndarray:
-    """The six combinations (..., 6) V of Table 3: times k or beta linear and angular accelerations along x, y, z."""
+    """Combinations (..., 6) V of Table 3: linear accelerations x, y, z over k, angular ones over beta."""
     return volts @ READOUT.T
 
 
 def volts(combined: np.ndarray) -> np.ndarray:
-    """Electrode voltages (..., 6) V that give six combinations, the inverse of readouts."""
+    """Electrode voltages (..., 6) V from the six combinations (..., 6) V, the inverse of `readouts`."""
     return combined @ np.linalg.inv(READOUT).T
 
 
@@ -60,9 +59,10 @@ _SHARES = each(_SHARES, "1", "share of the force along {0[7]} that {0[0]} reads"
 
 @law("inertial_sensor.cross_coupling", "linear_b", _SHARES, "electrodes not at right angles")
 def _coupling(context: Context, values):
-    matrix = np.zeros((3, 3))
-    matrix[_OFF] = values
-    return context.linear_b @ matrix.T
+    """Contribution (n, 3) of cross-coupling: off-diagonal shares, values (6,), of the reading along the other axes."""
+    shares = np.zeros((3, 3))
+    shares[_OFF] = values
+    return context.linear_b @ shares.T
 
 
 _PULL = axes("", "s-2", "pull per metre off the middle of the cage along", 1e-5)

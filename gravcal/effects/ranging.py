@@ -1,4 +1,4 @@
-"""Ranging: what the microwave or laser link reads beside the distance of the phase centres.
+"""Effects on the range of the microwave or laser link, beside the distance of the phase centres.
 
 The context of these effects holds, beside the time, `extra["angle"]` (n, 2, 2) rad: pitch and yaw of both satellites
 against the line of sight; `extra["range"]` (n,) m and `extra["range_rate"]` (n,) m s-1. `context.epoch` is noon of a
@@ -10,7 +10,7 @@ import numpy as np
 from gravcal.effects.base import Context, Laws, Parameter, each
 
 EFFECTS = Laws()
-#: Of the antenna correction, from orbit errors to the end of the filter of the ranging.
+#: Band limits of noise in the antenna correction, from orbit errors to the cut-off of the ranging filter.
 BANDS_HZ = (5e-3, 1e-2, 2e-2, 4e-2, 8e-2, 1e-1)
 BREAK_GAP_S = 36.0  # on either side of a phase break, which the filter does not bridge
 RIPPLE = np.radians(1.2)  # rad, angular period of the standing wave unless given; no source prints one
@@ -36,7 +36,7 @@ law("multipath", (*_RIPPLES, _PERIOD), _HORN, linear=False)(
 
 
 def ripples(angle: np.ndarray, period: float) -> np.ndarray:
-    """Sines and cosines less one (n, 8) of pitch and yaw of both satellites, angle (n, 2, 2) rad; period in rad."""
+    """Sines, then cosines minus one, (n, 8), of pitch and yaw of both satellites (n, 2, 2) rad; period in rad."""
     phase = 2 * np.pi * angle.reshape(-1, 4) / period
     return np.concatenate([np.sin(phase), np.cos(phase) - 1], axis=1)
 
@@ -70,7 +70,7 @@ _FURTHER = each(_CENTRES, "m", "phase centre of {0[2]} further along {0[0]} by",
 
 @law("phase_centre", _FURTHER, f"{_PAPER}, eq. 13 (erratum K-1)")
 def _centre(context: Context, values):
-    """Phase centres away from those of the correction; lines of sight from each satellite to the other."""
+    """Change (n,) m of the range by phase-centre errors, values (6,) m; lines of sight to the other satellite."""
     return -context.extra["line_of_sight_b"].reshape(-1, 6) @ np.asarray(values)
 
 
@@ -90,16 +90,16 @@ _TURN = each(_PLACES, "rad", "error of the attitude, {0},", 3e-4)
 
 @law("star_camera_misalignment", _TURN, "arm of the antenna turned by the angle", linear=False)
 def _mounting(context: Context, values):
-    """Star cameras turned by v = (0, pitch, yaw): R_A c_A moves by v x c and its second order, exact as v is across."""
+    """Range change (n,) m by star cameras turned by v = (0, pitch, yaw): c_A moves by v x c and its second order."""
     turn = np.reshape(values, (2, 2))
-    size = np.linalg.norm(turn, axis=1)
-    across = np.sinc(size / np.pi)[:, None] * turn[:, ::-1] * [1.0, -1.0]
-    moved = context.extra["antenna_x"][:, None] * np.column_stack([np.cos(size) - 1, across])
-    return -np.einsum("nka,ka->n", context.extra["line_of_sight_b"], moved)
+    total_angle = np.linalg.norm(turn, axis=1)
+    across = np.sinc(total_angle / np.pi)[:, None] * turn[:, ::-1] * [1.0, -1.0]
+    displacement = context.extra["antenna_x"][:, None] * np.column_stack([np.cos(total_angle) - 1, across])
+    return -np.einsum("nka,ka->n", context.extra["line_of_sight_b"], displacement)
 
 
 def _orbit(cycles):
-    """Cosine and sine of a multiple of the argument of latitude."""
+    """Contribution of cosine and sine, values (2,) m, of `cycles` times the argument of latitude."""
 
     def contribution(context: Context, values):
         angle = cycles * context.extra["argument"]

@@ -1,4 +1,4 @@
-"""Star camera, magnetometer and time tags: what they read of the true attitude and field, and when.
+"""Effects on time tags, star camera and magnetometer.
 
 A delay is that of a payload against the torquer telemetry.
 """
@@ -54,7 +54,7 @@ _WARMING = axes("", "1", "relative change of the scale from long night to long d
 law("magnetometer.temperature_scale", "field_b", _WARMING, _SUN)(
     lambda context, values: context.field_b * warming(context, values)
 )
-#: Effects that no record of minutes can show.
+#: Effects that change too slowly to show in a record of minutes.
 OF_WARMTH = ("magnetometer.temperature_bias", "magnetometer.temperature_scale")
-#: What a magnetometer reads beside the field, each of them an effect of the instrument itself.
+#: Effects on the reading of a magnetometer, and its tags: all that it shows beside the main field.
 OF_MAGNETOMETER = (*(e.slug for e in EFFECTS if e.slug.startswith("magnetometer.")), "timing.magnetometer_delay")

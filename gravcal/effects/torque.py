@@ -1,4 +1,4 @@
-"""Torques: the dipole that the rods really make, and torques that are not commanded."""
+"""Effects on the torque: errors of the dipole of the torque rods, and torques that are not commanded."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ _RODS = "CoM paper section 2.1: rods aligned to 0.06 deg"
 
 _GAIN = axes("rod", "1", "relative excess of the dipole of rod", 0.05, lower=REVERSED)
 law("torque.dipole_gain", "dipole_b", _GAIN, _DIPOLE)(scaled("dipole_b"))
-# Rods turned together by the small rotation v: dm = v x m.
+# All rods turned by the small rotation v: dm = v x m.
 law("torque.dipole_misalignment", "dipole_b", axes("angle", "rad", "rods turned about", 2e-3), _RODS)(
     lambda context, values: np.cross(values, context.dipole_b)
 )
@@ -23,15 +23,15 @@ _TAU = Parameter("tau", "s", "time constant of the rods", 0.1, lower=0.0)
 
 @law("torque.dipole_lag", "dipole_b", (_TAU,), "inductance of a torque rod: first-order lag", linear=False)
 def _lag(context: Context, values):
-    """First-order lag: tau dm/dt = m_commanded - m, exact for a dipole constant between epochs."""
+    """Dipole change (n, 3) A m2 by a lag tau dm/dt = m_commanded - m, exact for a dipole constant between epochs."""
     if values[0] <= 0:
         return np.zeros_like(context.dipole_b)
     held = np.concatenate([context.dipole_b[:1], context.dipole_b[:-1]]).astype(float)  # from the epoch before on
-    return np.stack([lagged(context.time, one.copy(), values[0]) for one in held.T], axis=1) - context.dipole_b
+    return np.stack([lagged(context.time, axis.copy(), values[0]) for axis in held.T], axis=1) - context.dipole_b
 
 
 def lag_missing(edges: np.ndarray, dipole_b: np.ndarray, tau: float) -> tuple[np.ndarray, np.ndarray]:
-    """Dipole (m + 1, 3) that lagging rods miss after each edge (m + 1,) s of a commanded one (m, 3), and its jump."""
+    """Commanded minus actual dipole (m + 1, 3) of lagging rods after each edge (m + 1,) s, and the commanded jumps."""
     jump = np.diff(dipole_b, axis=0, prepend=np.zeros((1, 3)), append=np.zeros((1, 3)))
     missing, decay = jump.copy(), np.exp(-np.diff(edges) / tau)
     for k in range(1, len(jump)):
@@ -40,29 +40,29 @@ def lag_missing(edges: np.ndarray, dipole_b: np.ndarray, tau: float) -> tuple[np
 
 
 def lagging(time, edges, dipole, missing, tau, leads):
-    """Dipole (n, 3, q) of lagging rods at epochs (n,), for each lead (q,)."""
-    at = time[:, None] + leads
-    last = np.searchsorted(edges, at, side="right") - 1
-    left = np.exp(-np.maximum(at - edges[last], 0.0) / tau)[:, :, None]
-    moment = np.concatenate([dipole, np.zeros((1, 3))])[last] - missing[last] * left
-    return np.moveaxis(np.where(last[:, :, None] < 0, 0.0, moment), 2, 1)
+    """Dipole (n, 3, q) A m2 of lagging rods at epochs (n,) s, with edges earlier by each of the leads (q,) s."""
+    shifted = time[:, None] + leads
+    interval = np.searchsorted(edges, shifted, side="right") - 1
+    decay = np.exp(-np.maximum(shifted - edges[interval], 0.0) / tau)[:, :, None]
+    actual = np.concatenate([dipole, np.zeros((1, 3))])[interval] - missing[interval] * decay
+    return np.moveaxis(np.where(interval[:, :, None] < 0, 0.0, actual), 2, 1)
 
 
 def lag_swing(edges: np.ndarray, dipole_b: np.ndarray, shift: float, time: np.ndarray, tau: float) -> np.ndarray:
-    """Dipole integrated twice (n, 3) A m2 s2: of rods that lag by tau, less that of ideal ones with edges + shift.
+    """Double time integral (n, 3) A m2 s2 of the dipole of rods that lag by tau minus ideal ones with edges + shift.
 
     Rods that lag start at edges + shift - tau: a jump D gives D (t2 / 2 - tau t + tau2 (1 - exp(-t / tau))), an ideal
     rod D (t - tau)2 / 2 from tau on.
     """
     missing, jump = lag_missing(edges, dipole_b, tau)
     edges = edges + (shift - tau)
-    last = np.searchsorted(edges, time, side="right") - 1
-    since = np.where(last >= 0, time - edges[last], np.inf)[:, None]
+    interval = np.searchsorted(edges, time, side="right") - 1
+    since_edge = np.where(interval >= 0, time - edges[interval], np.inf)[:, None]
     after = time[:, None] - edges
     early = np.where((after >= 0) & (after < tau), (after - tau) ** 2 / 2, 0.0) @ jump
-    inside = ((last >= 0) & (last < len(dipole_b)))[:, None]
-    settled = tau**2 / 2 * np.where(inside, dipole_b[np.clip(last, 0, len(dipole_b) - 1)], 0.0)
-    return settled - tau**2 * missing[last] * np.exp(-since / tau) + early
+    inside = ((interval >= 0) & (interval < len(dipole_b)))[:, None]
+    settled = tau**2 / 2 * np.where(inside, dipole_b[np.clip(interval, 0, len(dipole_b) - 1)], 0.0)
+    return settled - tau**2 * missing[interval] * np.exp(-since_edge / tau) + early
 
 
 _LIMIT = Parameter("limit", "A m2", "largest dipole of a rod", 1.0, neutral=np.inf)

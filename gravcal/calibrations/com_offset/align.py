@@ -17,11 +17,11 @@ SCHEMAS = schemas.of("com_offset.toml")
 
 #: Bits of `gap`: what is missing for longer than the limit inside a manoeuvre.
 GAPS = {"orbit": 1, "sca": 2}
-#: Flag of a sample that stands alone; its neighbours on either side, their weights where a median bends too little, and
-#: the smallest standard deviation: of half an angle of 2 urad, which an edge of a manoeuvre bends an attitude by.
+#: Flag of an isolated outlier; {instrument: (neighbours on either side, weights that predict a sample from them or None
+#: for a median, smallest sigma)}: of quaternions half of 2 urad, by which an edge of a manoeuvre bends the attitude.
 OUTLIER = 2
 REACH = {"acc": (4, None, 0.0), "sca": (2, np.array([-1, 4, 0, 4, -1]) / 6, 1e-6)}
-#: Longest piece that is looked at where there is no manoeuvre.
+#: s, longest piece that is processed of a record without manoeuvre.
 SURVEY_S = 180.0
 MANOEUVRE = ("start", "stop", "kind", "rod", "edge_lower", "edge_upper", "level", "regular")
 
@@ -80,7 +80,7 @@ def find_waves(time: np.ndarray, current: np.ndarray, rod: int, settings: dict) 
 
 
 def _wave(time, rod, group, step):
-    """Edges of a group of runs: between the last sample of one and the first of the next."""
+    """Wave of a group of runs, as of `plateaus`: edges between the last sample of a run and the first of the next."""
     first = np.array([run[0] for run in group])
     last = np.array([run[1] for run in group])
     before = np.append(np.maximum(first - 1, 0), last[-1])
@@ -110,8 +110,8 @@ def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
             kept.append(wave)
     waves = sorted(kept, key=lambda w: w.lower[0])
     count = max((w.level.size for w in waves), default=0)
-    late = np.arange(count + 1) * settings["period_s"] / 2
-    first = [(np.max(w.lower - late[: w.lower.size]), np.min(w.upper - late[: w.upper.size])) for w in waves]
+    delay = np.arange(count + 1) * settings["period_s"] / 2
+    first = [(np.max(w.lower - delay[: w.lower.size]), np.min(w.upper - delay[: w.upper.size])) for w in waves]
     filled = lambda values, size: np.append(values, np.full(size - values.size, np.nan))  # noqa: E731
     torques = [np.cross(np.eye(3)[w.rod], field_b[(time >= w.lower[0]) & (time <= w.upper[-1])]) for w in waves]
     values = {
@@ -133,7 +133,7 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
     """Everything that the solution needs, on GPS time, round each manoeuvre: an "align".
 
     Without a manoeuvre the first `survey_s` of the record are taken as one window, so that field and attitude can be
-    looked at all the same. A manoeuvre in which orbit or star camera are missing for longer than their limit is marked
+    checked all the same. A manoeuvre in which orbit or star camera are missing for longer than their limit is marked
     in `gap`, and not used. Observed are "com_offset.detect" and "ingest" of ACC1A, SCA1B, MAG1B, an orbit, TIM1B and
     CLK1B.
     """
@@ -162,13 +162,13 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
             remedy = "Give files of the same satellite and day, and check that TIM1B and CLK1B cover it."
             refuse(file or product, have, expected, remedy, EstimationError, product=product, file=file)
     gap_limits = {"orbit": settings["orbit_gap_limit_s"], "sca": settings["star_camera_gap_limit_s"]}
-    inner = spans[:, 0], np.minimum(spans[:, 1], spans[:, 0] + SURVEY_S)  # what is looked at without a manoeuvre
+    processed = spans[:, 0], np.minimum(spans[:, 1], spans[:, 0] + SURVEY_S)  # what is looked at without a manoeuvre
     if detected.sizes["manoeuvre"]:
-        inner = detected["start"].values, detected["stop"].values
+        processed = detected["start"].values, detected["stop"].values
     gap = np.zeros(len(spans), dtype=np.uint8)
     for name, bit in GAPS.items():
         time, _, flag = parts[name]
-        for k, (start, stop) in enumerate(zip(*inner, strict=True)):
+        for k, (start, stop) in enumerate(zip(*processed, strict=True)):
             known = time[(flag == 0) & (time > start) & (time < stop)]
             if np.diff(np.concatenate([[start], known, [stop]])).max() > gap_limits[name]:
                 gap[k] |= bit
@@ -196,24 +196,24 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
 
 
 def _outliers(name, time, values, flag, limit):
-    """Flag of isolated outliers among the usable samples of an instrument; of a star camera beside a local cubic."""
+    """Flags (n,), OUTLIER where a usable sample deviates from its neighbours alone; of a star camera from a cubic."""
     outliers, usable = np.zeros_like(flag), np.flatnonzero(flag == 0)
-    reach, weights, least = REACH.get(name, (0, None, 0.0))
+    reach, weights, floor = REACH.get(name, (0, None, 0.0))
     if not reach or usable.size < 2:
         return outliers
     values = values[usable] if name != "sca" else frames.continuous(values[usable])
     values = values[:, np.isfinite(values).all(axis=0)]
-    apart = noise.isolated(values, reach, limit, weights, least)
+    isolated = noise.isolated(values, reach, limit, weights, floor)
     step = np.median(np.diff(time[usable]))
-    whole = np.zeros(usable.size, dtype=bool)  # with all its neighbours
+    complete = np.zeros(usable.size, dtype=bool)  # with all its neighbours
     span = time[usable][2 * reach :] - time[usable][: usable.size - 2 * reach]
-    whole[reach : usable.size - reach] = span < (2 * reach + 0.5) * step
-    outliers[usable[apart & whole]] = OUTLIER
+    complete[reach : usable.size - reach] = span < (2 * reach + 0.5) * step
+    outliers[usable[isolated & complete]] = OUTLIER
     return outliers
 
 
 def _spans(detected, acc, sca, mag, orbit, margin, survey):
-    """Windows round the manoeuvres; the common beginning of all records where there is none."""
+    """Windows (w, 2) s around the manoeuvres with a margin (s); without one, `survey` (s) from the common beginning."""
     if detected.sizes["manoeuvre"]:
         return np.stack([detected["start"].values - margin, detected["stop"].values + margin], axis=1)
     times = [d["time_tag"].values for d in (acc, sca, mag, orbit)]

@@ -16,7 +16,7 @@ from gravcal.estimation.noise import NoiseModel, fit_noise, whiten, whitened
 from gravcal.estimation.resampling import Resampler, operator_for
 from gravcal.physics import dynamics, frames, gravity
 
-SURVEY_DEGREE = 5  # of the slow torque where no manoeuvre is there and control goes on
+SURVEY_DEGREE = 5  # of the slow torque of a record without manoeuvre, in which attitude control goes on
 #: A noise model takes this many samples a coefficient, few manoeuvres a short one: else it follows the fit's own notch.
 SAMPLES_PER_ORDER, FEW_ORDER = 84, 6
 #: A change of the noise's reflection coefficients that moves the weights by less than their own error.
@@ -26,7 +26,7 @@ LOOSE_TORQUE = 1e-3  # N m, above any torque of the environment: a prior that ke
 
 @dataclass(frozen=True, kw_only=True)
 class Arc(dynamics.Torque):
-    """What turns the satellite during one manoeuvre, before anything is fitted."""
+    """Torques on the satellite during one manoeuvre, a priori: nothing of them is fitted."""
 
     origin: float  #: s, epoch of the state
     stop: float  #: s, end of the arc
@@ -34,16 +34,16 @@ class Arc(dynamics.Torque):
 
 @dataclass(frozen=True)
 class Solution:
-    """Motion of an arc."""
+    """Estimated parameters of the motion in an arc."""
 
-    state: dynamics.State  #: dynamics.State at the origin
+    state: dynamics.State  #: attitude and rate at the origin
     torque_coefficients: np.ndarray  #: (d + 1, 3) N m, Legendre polynomials over the arc
-    scale_b: np.ndarray  #: (3,) factor of the magnetic torque
-    shift: float  #: s, all edges later by
+    scale_b: np.ndarray  #: (3,) 1, factor of the magnetic torque about each axis
+    shift: float  #: s, by which all edges are later than in the arc
 
 
 def dipole_history(edges, level, rod, time, current, per_current):
-    """Breaks (s + 1,) s and dipole (s, 3) A m2 between: the excited rod by its edges, others held round each sample.
+    """Breaks (s + 1,) s and dipole (s, 3) A m2 between them: excited rod by its edges, others held around each sample.
 
     The square wave has edges (m + 1,) s and levels (m,) mA of a rod; None and -1 without one. Samples (n,) s, (n, 3) mA
     cover the arc; per_current is (3,) A m2 mA-1.
@@ -55,14 +55,14 @@ def dipole_history(edges, level, rod, time, current, per_current):
     inner = changes[(changes > low) & (changes < high)]
     breaks = np.unique(np.concatenate([[low, high], inner, edges if edges is not None else []]))
     centre = (breaks[1:] + breaks[:-1]) / 2
-    held = current[np.searchsorted(middle, centre)].copy()
+    held_current = current[np.searchsorted(middle, centre)].copy()
     if rod >= 0:
-        held[:, rod] = level[np.clip(np.searchsorted(edges, centre) - 1, 0, level.size - 1)]
-    return breaks, held * per_current
+        held_current[:, rod] = level[np.clip(np.searchsorted(edges, centre) - 1, 0, level.size - 1)]
+    return breaks, held_current * per_current
 
 
 def torque_of(arc: Arc, solution: Solution) -> dynamics.Torque:
-    """Torque record of the integrator for an arc and a solution."""
+    """Torque of an arc for the integrator, with edge shift, torque scale and slow torque of a solution."""
     nodes = np.linspace(arc.origin, arc.stop + 1.0, 60)
     degree = solution.torque_coefficients.shape[0] - 1
     extra = polynomial(nodes, degree, arc.origin, arc.stop) @ solution.torque_coefficients
@@ -89,34 +89,34 @@ def mean_dipole(arc: Arc, time: np.ndarray, shift: float, width: float) -> np.nd
 
 
 def dipole_at(arc: Arc, time: np.ndarray, shift: float) -> np.ndarray:
-    """Dipole at epochs, (n, 3) A m2; on an edge the value after it, zero outside the edges."""
+    """Dipole (n, 3) A m2 at epochs (n,) s, edges `shift` s later; on an edge that after it, zero outside the edges."""
     index = np.searchsorted(arc.edges + shift, time, side="right") - 1
     inside = (index >= 0) & (index < len(arc.dipole_b))
     return np.where(inside[:, None], arc.dipole_b[np.clip(index, 0, len(arc.dipole_b) - 1)], 0.0)
 
 
 def large_edges(arc: Arc) -> np.ndarray:
-    """Edges (k,) s of the square wave, without changes of the control currents."""
+    """Edges (k,) s of the square wave: jumps of the dipole above a quarter of the largest, none of control currents."""
     change = np.abs(np.diff(arc.dipole_b.sum(axis=1), prepend=0.0, append=0.0))
     return arc.edges[change > 0.25 * change.max()]
 
 
 def shifts_between_samples(arc: Arc, time: np.ndarray, near: float, width: float) -> np.ndarray:
-    """Shifts (q,) s about one, of which each leaves the edges between other samples: midway where they do not differ.
+    """Shifts (q,) s near one (s), a representative of each set of shifts that leave the edges between the same samples.
 
-    Edges are later than those of the arc by `near`; samples (n,) s, the reach `width` (s) on either side.
+    It is midway between those at which an edge meets one of the samples (n,) s; `width` (s) on either side is searched.
     """
     edges = large_edges(arc) + near
-    met = [time[slice(*np.searchsorted(time, [e - width, e + width]))] - e for e in edges]
-    met = np.unique(np.round(np.concatenate(met), 4))
-    return near + (met[1:] + met[:-1]) / 2 if met.size else met
+    distances = [time[slice(*np.searchsorted(time, [e - width, e + width]))] - e for e in edges]
+    distances = np.unique(np.round(np.concatenate(distances), 4))
+    return near + (distances[1:] + distances[:-1]) / 2 if distances.size else distances
 
 
 def propagator(time: np.ndarray, transition: np.ndarray, breaks: np.ndarray) -> Callable[[Callable], np.ndarray]:
-    """Attitude after small angular accelerations, by variation of constants, with its quadrature made once.
+    """Function from small angular accelerations to the attitude response, by variation of constants.
 
-    Function of `basis`, (m,) s -> (m, p, 3) rad s-2, smooth between the breaks (s), that gives (n, 3, p) rad at epochs
-    (n,) s; transition (n, 6, 6) of angle and rate from the origin. Four nodes lie in each interval without a jump.
+    It takes `basis`, (m,) s -> (m, p, 3) rad s-2, smooth between the breaks (s), to (n, 3, p) rad at epochs (n,) s;
+    transition (n, 6, 6) of angle and rate from the origin. Gauss-Legendre, four nodes in each interval without a jump.
     x(t) = Phi(t) int Phi(s)^-1 (0; b(s)) ds; CoM paper eqs. 21-25 with a source.
     """
     ends = np.unique(np.concatenate([[time[0]], breaks[(breaks > time[0]) & (breaks < time[-1])], time]))
@@ -144,7 +144,7 @@ def magnetic_acceleration(arc: Arc, shift: float, time: np.ndarray, field_b: np.
 
 
 def updated(solution: Solution, step: dict[str, np.ndarray]) -> Solution:
-    """Solution with a Gauss-Newton step added: angle, rate, slow, torque, shift; what is missing is held."""
+    """Solution with a Gauss-Newton step {group of `_unknowns`: increments} added; groups not in it are held."""
     turned = frames.quaternion_product(solution.state.quaternion, frames.from_rotation_vector(step["angle"]))
     quaternion = turned / np.linalg.norm(turned)
     state = replace(solution.state, quaternion=quaternion, rate_b=solution.state.rate_b + step["rate"])
@@ -159,20 +159,20 @@ def updated(solution: Solution, step: dict[str, np.ndarray]) -> Solution:
 
 @dataclass(frozen=True)
 class Window:
-    """Observations of one manoeuvre."""
+    """Torques and observations of one manoeuvre."""
 
-    arc: Arc  #: Arc
+    arc: Arc  #: torques
     rod: int  #: excited torquer, -1 if none
     time: np.ndarray  #: (n,) s, star-camera grid with the origin in front
     quaternion: np.ndarray  #: (n, 4)
-    good: np.ndarray  #: (n,) bool
+    good: np.ndarray  #: (n,) bool, usable star-camera samples
     acc: slice  #: slice of the accelerometer samples inside the arc
-    lower: float  #: s, begin of the interval of the first edge
-    upper: float  #: s, end of it
+    lower: float  #: s, begin of the telemetry interval of the first edge, relative to the edge of the arc
+    upper: float  #: s, end of it, likewise
 
 
 def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: bool) -> list[Window]:
-    """Observations and torques of every manoeuvre, without a manoeuvre one arc at the beginning of the record.
+    """Window of every manoeuvre, or a single one at the beginning of a record without manoeuvre.
 
     A gap that forbids to use a manoeuvre leaves it without star camera. Products are "align" and "com_offset.field";
     inertia (3, 3) kg m2, per_current (3,) A m2 mA-1; full: with gravity-gradient torque.
@@ -184,16 +184,16 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
         shift = np.round(np.median(np.diff(lower)) * 2) / 2 * np.arange(lower.size)
         edges = (np.max(lower - shift) + np.min(upper - shift)) / 2 + shift  # common, whole half periods apart
         edges = edges if aligned["regular"][i] else _single_edges(lower, upper, aligned)
-        wave = int(aligned["rod"][i]), edges, aligned["level"].values[i, : count - 1]
+        square_wave = int(aligned["rod"][i]), edges, aligned["level"].values[i, : count - 1]
         ends = float(lower[0] - edges[0]), float(upper[0] - edges[0])
-        arcs.append((float(lower[0]), float(upper[-1]), wave, ends))
+        arcs.append((float(lower[0]), float(upper[-1]), square_wave, ends))
     if not arcs:
         start = float(aligned["window_start"][0])
         stop = min(start + SURVEY_S, float(aligned["time_sca"].values[-1]), float(aligned["time_orbit"].values[-1]))
         arcs = [(start, stop, (-1, None, np.zeros(0)), (0.0, 0.0))]
     mag_time, acc_time = aligned["time_mag"].values, aligned["time_acc"].values
     orbit_time = field["time_orbit"].values
-    made = []
+    observed = []
     for (origin, stop, (rod, edges, level), ends), gap in zip(arcs, aligned["gap"].values, strict=True):
         near = (mag_time > origin - 2) & (mag_time < stop + 2)
         current = np.nan_to_num(aligned["current_b"].values[near])
@@ -211,12 +211,12 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
         )
         time, quaternion, good = _star_camera(aligned, origin, stop)
         acc = slice(*np.searchsorted(acc_time, [origin + 0.1, stop - 0.1]))
-        made.append(Window(arc, rod, time, quaternion, good & (gap == 0), acc, *ends))
-    return made
+        observed.append(Window(arc, rod, time, quaternion, good & (gap == 0), acc, *ends))
+    return observed
 
 
 def _single_edges(lower, upper, aligned):
-    """Each edge of an irregular wave where the angular accelerometer sees it; mid interval where it sees nothing.
+    """Edges (m + 1,) s of an irregular wave as the angular accelerometer shows them; mid interval where it shows none.
 
     With levels a before and b after, the integral over (s, e) is a (t - s) + b (e - t), which gives t.
     """
@@ -240,7 +240,7 @@ def _single_edges(lower, upper, aligned):
 
 
 def _star_camera(aligned, origin, stop):
-    """Star-camera samples on their 1 Hz grid, wherever in the second it lies, the origin in front, gaps marked."""
+    """Epochs (n,) s, quaternions (n, 4) and usable (n,) bool on the star camera's 1 Hz grid, the origin in front."""
     time, quaternion = aligned["time_sca"].values, aligned["quaternion"].values
     good = (aligned["sca_flag"].values == 0) & np.isfinite(quaternion).all(axis=1)
     inside = good & (time > origin) & (time < stop)
@@ -256,7 +256,7 @@ def _star_camera(aligned, origin, stop):
 
 
 def field_at(window: Window, fit, time: np.ndarray) -> np.ndarray:
-    """Field in the body (n, 3) T along the fitted attitude."""
+    """IGRF field in the body (n, 3) T at epochs (n,) s, with the fitted attitude."""
     at = np.clip(time, window.arc.origin, None)
     quaternion, _, _ = dynamics.integrate(at, fit.solution.state, torque_of(window.arc, fit.solution), max_step=1.0)
     field_i = CubicSpline(window.arc.field_time, window.arc.field_i)(at)
@@ -265,18 +265,18 @@ def field_at(window: Window, fit, time: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Choice:
-    """What is estimated beside the start attitude and rate."""
+    """Parameters to estimate beside start attitude and rate, with their priors, and limits of the fit."""
 
-    torque_degree: int  #: degree of a slowly varying torque, -1 for none
-    scale_sigma: float  #: prior of the torque scale per axis; 0 holds it at the catalogue
-    shift_sigma: float  #: s, prior of the common edge shift; 0 holds it
+    torque_degree: int  #: degree of the Legendre polynomial of a slow torque, -1 for none
+    scale_sigma: float  #: 1, prior sigma of the torque scale per axis; 0 holds it at the catalogue
+    shift_sigma: float  #: s, prior sigma of the common edge shift; 0 holds it
     step_s: float  #: s, longest integration step
-    iterations: int  #: at most
+    iterations: int  #: largest number of Gauss-Newton steps
 
 
 @dataclass(frozen=True)
 class Fit:
-    """Result of one arc."""
+    """Result of the attitude fit of one arc."""
 
     solution: Solution
     residual: np.ndarray  #: (n, 3) rad, star camera minus model, in the body
@@ -285,7 +285,7 @@ class Fit:
 
 
 def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
-    """Smoothed attitude of every manoeuvre on the epochs of star camera and accelerometer, of "align" and "field".
+    """Product "com_offset.attitude": fitted attitude of every manoeuvre at the epochs of star camera and accelerometer.
 
     Settings are those of the stage, with inertia and dipole_per_current.
     """
@@ -305,34 +305,34 @@ def attitude(aligned: xr.Dataset, field: xr.Dataset, **settings) -> xr.Dataset:
     fits, noise = _fit_all(manoeuvres, choice, order)
     filters = {name: settings[name] for name in ("lowpass_hz", "half_width_s", "step_s")}
     timings = _fit_timing(manoeuvres, fits, aligned, filters, settings["calibration_drift_degree"], order)
-    known = [  # of the manoeuvres with enough attitudes
+    fitted = [  # of the manoeuvres with enough attitudes
         (i, w, f, t) for i, (w, f, t) in enumerate(zip(manoeuvres, fits, timings, strict=True)) if f is not None
     ]
-    moved = [_motion(w, f, t, aligned, noise, choice) for _, w, f, t in known]
+    motions = [_motion(w, f, t, aligned, noise, choice) for _, w, f, t in fitted]
     names = ("rate_b", "rate_dot_mtq_b", "rate_dot_sca_b", "magnetic_b", "smooth_b")
     empty = dict.fromkeys(names, np.zeros((0, 3)))
     empty |= {"time_acc": np.zeros(0), "gradient_b": np.zeros((0, 3, 3)), "sca_modes": np.zeros((6, 0, 3))}
     values = {
-        name: np.concatenate([none, *(one[name] for one in moved)], axis=int(name == "sca_modes"))
-        for name, none in empty.items()
+        name: np.concatenate([blank, *(one[name] for one in motions)], axis=int(name == "sca_modes"))
+        for name, blank in empty.items()
     }
-    residuals = [(w.time[w.good], f.residual[w.good], np.full(w.good.sum(), i)) for i, w, f, _ in known]
+    residuals = [(w.time[w.good], f.residual[w.good], np.full(w.good.sum(), i)) for i, w, f, _ in fitted]
     values |= {
         "rod": [w.rod for w in manoeuvres],
         "gap": aligned["gap"].values,
-        "acc_manoeuvre": np.repeat([i for i, *_ in known], [one["time_acc"].size for one in moved]),
+        "acc_manoeuvre": np.repeat([i for i, *_ in fitted], [one["time_acc"].size for one in motions]),
         "time_sca": np.concatenate([np.zeros(0), *(time for time, _, _ in residuals)]),
         "sca_residual_b": np.concatenate([np.zeros((0, 3)), *(angle for _, angle, _ in residuals)]),
         "sca_manoeuvre": np.concatenate([np.zeros(0), *(index for _, _, index in residuals)]),
     }
-    values |= _per_manoeuvre(len(manoeuvres), known) | _delays(known, aligned)
+    values |= _per_manoeuvre(len(manoeuvres), fitted) | _delays(fitted, aligned)
     return build(SCHEMAS["attitude"], values, title="Attitude of the manoeuvres, fitted to the star camera")
 
 
 def _fit_all(manoeuvres, choice, order):
-    """Fit of every window (None with too few attitudes), first with white noise, then with that of the residuals."""
+    """Fits of all windows (None with too few attitudes) and NoiseModel of each axis, iterated from white noise."""
     white = NoiseModel(np.zeros(0), np.array([3e-6**2]), 1.0)  # rad, only the start of the iteration
-    noise, fits, before = [white] * 3, [None] * len(manoeuvres), np.inf
+    noise, fits, previous = [white] * 3, [None] * len(manoeuvres), np.inf
     usable = [k for k, w in enumerate(manoeuvres) if w.good.sum() >= 8]
     order = min(order, max(FEW_ORDER, sum(int(manoeuvres[k].good.sum()) for k in usable) // SAMPLES_PER_ORDER))
     removed = sum(size for size, _ in _unknowns(choice).values()) * len(usable) // 3
@@ -342,20 +342,20 @@ def _fit_all(manoeuvres, choice, order):
         residuals = [np.where(manoeuvres[k].good[:, None], fits[k].residual, np.nan) for k in usable]
         noise = [fit_noise([one[:, axis] for one in residuals], order, 1.0, removed=removed) for axis in range(3)]
         reflection = np.concatenate([one.reflection for one in noise])
-        if np.abs(reflection - before).max(initial=0.0) < SETTLED:
+        if np.abs(reflection - previous).max(initial=0.0) < SETTLED:
             break
-        before = reflection
+        previous = reflection
     return fits, noise
 
 
 def _fit_timing(manoeuvres, fits, aligned, filters, degree, order):
-    """Wave in the angular acceleration of every manoeuvre with the noise of its residuals; None where there is none."""
+    """WaveFit of each manoeuvre in the angular acceleration, with noise from the residuals of a first fit; or None."""
     time, angular = aligned["time_acc"].values, aligned["angular_b"].values
     good = (aligned["acc_flag"].values == 0) & np.isfinite(angular).all(axis=1)
     noise, timings = [NoiseModel(np.zeros(0), np.array([1e-16]), 0.5)] * 3, []
     for _ in range(2):
-        read = [(time[w.acc], angular[w.acc], good[w.acc], noise, filters, degree) for w in manoeuvres]
-        timings = [_timing(w, f, *one) for w, f, one in zip(manoeuvres, fits, read, strict=True)]
+        inputs = [(time[w.acc], angular[w.acc], good[w.acc], noise, filters, degree) for w in manoeuvres]
+        timings = [_timing(w, f, *one) for w, f, one in zip(manoeuvres, fits, inputs, strict=True)]
         residuals = [t.residual for t in timings if t is not None]
         if not residuals:
             break
@@ -365,7 +365,7 @@ def _fit_timing(manoeuvres, fits, aligned, filters, degree, order):
 
 
 def _timing(window, fit, time, angular, good, noise, filters, degree):
-    """Wave in the angular acceleration of one manoeuvre."""
+    """WaveFit of one manoeuvre in its angular acceleration (n, 3) rad s-2, None with too few samples or no signal."""
     if fit is None or good.sum() < 100 or np.ptp(angular[good], axis=0).max() == 0:
         return None
     arc, shift = window.arc, fit.solution.shift
@@ -385,7 +385,7 @@ def _timing(window, fit, time, angular, good, noise, filters, degree):
 
 
 def _motion(window, fit, timing, aligned, noise, choice):
-    """Motion on the accelerometer epochs of one manoeuvre, in the accelerometer's own time, by name."""
+    """{variable of "com_offset.attitude": values at the accelerometer epochs} of one manoeuvre, its delay removed."""
     arc, rod, shift = window.arc, window.rod, fit.solution.shift
     time = aligned["time_acc"].values[window.acc]
     at = np.clip(time - (0.0 if timing is None else timing.shift), arc.origin, None)
@@ -393,7 +393,7 @@ def _motion(window, fit, timing, aligned, noise, choice):
     motion = at, fit.solution.state, torque_of(arc, fit.solution)
     quaternion, rate, rate_dot = dynamics.integrate(*motion, max_step=choice.step_s)
     field_b = field_at(window, fit, at)
-    # what the integrator put into the angular acceleration at each epoch, with the fitted scale, makes room for means
+    # the momentary magnetic part at the fitted scale is taken out; its sampling mean at catalogue scale is added below
     torque = fit.solution.scale_b * np.cross(dipole_at(arc, at, shift), field_b)
     smooth = rate_dot - np.linalg.solve(arc.inertia, torque.T).T
     magnetic = magnetic_acceleration(arc, shift, at, field_b, width)
@@ -417,13 +417,13 @@ def _motion(window, fit, timing, aligned, noise, choice):
     }
 
 
-def _per_manoeuvre(count, known):
-    """Shifts, scales of torque, inertia and angular accelerometer, and rms, one row a manoeuvre; NaN without fit."""
+def _per_manoeuvre(count, fitted):
+    """{variable: (count, ...)} of shifts, scales, residual rms, from (index, Window, Fit, WaveFit) of those fitted."""
     single, wide = ("sca_shift", "acc_shift"), ("torque_scale", "angular_scale")
     table = {f"{name}{tail}": np.full(count, np.nan) for name in single for tail in ("", "_sigma")}
     table |= {f"{name}{tail}": np.full((count, 3), np.nan) for name in wide for tail in ("", "_sigma")}
     table["residual_rms"] = np.full((count, 3), np.nan)
-    for i, window, fit, timing in known:
+    for i, window, fit, timing in fitted:
         solution, sigma = fit.solution, dict(zip(fit.names, np.sqrt(np.diag(fit.covariance)), strict=True))
         table["sca_shift"][i], table["sca_shift_sigma"][i] = solution.shift, sigma.get("shift", np.nan)
         table["torque_scale"][i] = solution.scale_b
@@ -435,11 +435,11 @@ def _per_manoeuvre(count, known):
     return table
 
 
-def _delays(known, aligned):
-    """Delay of each instrument's tags against the torquer telemetry; NaN where nothing says so."""
+def _delays(fitted, aligned):
+    """{"acc_delay", "sca_delay" and "..._sigma": s} of tags against the torquer telemetry; NaN where undetermined."""
     rows = [
         (f.solution.shift, np.sqrt(f.covariance[-1, -1]), t.shift, t.shift_sigma, w.lower, w.upper)
-        for _, w, f, t in known
+        for _, w, f, t in fitted
         if t is not None and w.rod >= 0 and f.names[-1] == "shift"
     ]
     if not rows:
@@ -460,7 +460,7 @@ def _delays(known, aligned):
 
 
 def _unknowns(choice: Choice) -> dict[str, tuple[int, float]]:
-    """Unknowns in the order of the columns: {group: (how many, inverse variance of each by its prior)}."""
+    """Unknowns in the order of the design columns, {group: (number of parameters, inverse prior variance of each)}."""
     groups = {"angle": (3, 0.0), "rate": (3, 0.0)}
     if choice.torque_degree >= 0:
         groups["slow"] = 3 * (choice.torque_degree + 1), LOOSE_TORQUE**-2.0
@@ -469,7 +469,7 @@ def _unknowns(choice: Choice) -> dict[str, tuple[int, float]]:
 
 
 def first_guess(arc: Arc, time: np.ndarray, quaternion: np.ndarray, degree: int) -> Solution:
-    """State at the origin from a quadratic through the first measured attitudes."""
+    """Solution to start from: state by a quadratic through the first of attitudes (n, 4), torques of the catalogue."""
     near = slice(0, min(7, time.size))
     reference = quaternion[near][0]
     angle = frames.rotation_vector(frames.quaternion_product(frames.conjugate(reference), quaternion[near]))
@@ -483,8 +483,8 @@ def first_guess(arc: Arc, time: np.ndarray, quaternion: np.ndarray, degree: int)
 def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start: Solution | None = None) -> Fit:
     """Gauss-Newton on the three-parameter attitude error (CoM paper eqs. 19-30, errata C-5, C-6).
 
-    The window holds evenly spaced attitudes from the origin on, continuous in sign; one noise model an axis. It begins
-    with the first attitudes where no solution is given.
+    The window holds evenly spaced attitudes from the origin on, continuous in sign; one noise model an axis. Without a
+    Solution to start from, `first_guess` makes one.
     """
     arc, good, unknowns = window.arc, window.good, _unknowns(choice)
     solution = start or first_guess(arc, window.time[good], window.quaternion[good], choice.torque_degree)
@@ -500,17 +500,17 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
         design = np.concatenate([(parts | {"slow": slow})[name] for name in unknowns], axis=2)
         rows = whitened(noise, np.concatenate([residual[:, :, None], design], axis=2), good)
         y, A = rows[:, 0], rows[:, 1:]
-        present = {  # distance of each unknown from its prior mean
+        deviation = {  # distance of each unknown from its prior mean
             "slow": solution.torque_coefficients.ravel(),
             "torque": solution.scale_b - 1,
             "shift": np.array([solution.shift]),
         }
-        away = np.concatenate([present.get(name, np.zeros(size)) for name, (size, _) in unknowns.items()])
+        from_prior = np.concatenate([deviation.get(name, np.zeros(size)) for name, (size, _) in unknowns.items()])
         normal = A.T @ A + np.diag(prior)
-        right = A.T @ y - prior * away
+        right = A.T @ y - prior * from_prior
         scale = np.sqrt(np.diag(normal))
         step = np.linalg.lstsq(normal / np.outer(scale, scale), right / scale, rcond=1e-14)[0] / scale
-        cost = float(y @ y + prior @ away**2)
+        cost = float(y @ y + prior @ from_prior**2)
         if abs(previous - cost) <= 1e-6 * max(cost, 1.0):
             break
         previous = cost
@@ -525,7 +525,7 @@ def fit_attitude(window: Window, noise: list[NoiseModel], choice: Choice, start:
 
 
 def slow_torque_response(arc: Arc, time, transition, degree: int) -> np.ndarray:
-    """Response (n, 3, 3 (degree + 1)) rad to Legendre torques of 1 N m, degree by degree, axis by axis."""
+    """Attitude response (n, 3, 3 (degree + 1)) rad to Legendre torques of 1 N m, degree by degree, axis by axis."""
     inverse = np.linalg.inv(arc.inertia)
 
     def basis(at):
@@ -539,7 +539,7 @@ def slow_torque_response(arc: Arc, time, transition, degree: int) -> np.ndarray:
 
 @dataclass(frozen=True)
 class WaveFit:
-    """Square wave seen in a measured angular acceleration."""
+    """Square wave fitted to a measured angular acceleration."""
 
     shift: float  #: s, by which the wave appears later than assumed
     shift_sigma: float  #: s
@@ -556,44 +556,44 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
     sampling interval moves smoothly with its shift. One of momentary readings only changes where an edge meets a
     sample; with tags whose spacing is no part of the period some edges do so before others, and no smooth wave fits.
 
-    wave : callable, shift s and whether readings are momentary -> (n, 3) rad s-2; the operator takes both sides
-    noise, degree : noise model of each axis on the operator's grid; of the drift
-    between : callable, shift s -> (q,) s, those near it of all momentary waves that differ; None for no such wave
+    wave : callable, shift s and whether readings are momentary -> (n, 3) rad s-2; the operator low-passes both sides
+    noise, degree : noise model of each axis on the operator's grid; degree of the polynomial drift
+    between : callable, shift s -> (q,) s near it, one for each distinct momentary wave; None for none of these
     """
     drift = polynomial(operator.time, degree, operator.time[0], operator.time[-1])
     y = operator(measured - measured[len(measured) // 2])
 
     def rows(columns):
         """Whitened columns (n, 3, q) of each axis, drift removed."""
-        both = [np.concatenate([columns[:, axis], drift], axis=1) for axis in range(3)]
-        white = [whiten(noise[axis], both[axis], operator.valid) for axis in range(3)]
+        with_drift = [np.concatenate([columns[:, axis], drift], axis=1) for axis in range(3)]
+        white = [whiten(noise[axis], with_drift[axis], operator.valid) for axis in range(3)]
         return [project_out(one[:, -drift.shape[1] :], one[:, : -drift.shape[1]]) for one in white]
 
     shift, scale = coarse_shift(y, operator(wave(0.0)), operator, drift, noise), np.ones(3)
     for _ in range(8):
         model = operator(wave(shift))
         slope = (operator(wave(shift + 0.01)) - operator(wave(shift - 0.01))) / 0.02
-        own = rows(np.stack([y, model, scale * slope], axis=2))
-        values = np.concatenate([one[:, 0] for one in own])
-        design = np.c_[block_diag(*(one[:, 1:2] for one in own)), np.concatenate([one[:, 2] for one in own])]
+        by_axis = rows(np.stack([y, model, scale * slope], axis=2))
+        observed = np.concatenate([one[:, 0] for one in by_axis])
+        design = np.c_[block_diag(*(one[:, 1:2] for one in by_axis)), np.concatenate([one[:, 2] for one in by_axis])]
         inverse = stable_inverse(design.T @ design)
-        unknown = inverse @ design.T @ values
+        unknown = inverse @ design.T @ observed
         scale = unknown[:3]
         shift = float(np.clip(shift + unknown[3], -4.0, 4.0))
         if abs(unknown[3]) < 1e-5:
             break
     size = np.linalg.norm(design[:, :3], axis=0)
     turned = size > 1e-6 * size.max(initial=1e-300)
-    near = [] if between is None else between(shift)
-    waves = [operator(wave(one, momentary=True)) for one in near]
-    own = rows(np.stack([y, operator(wave(shift)), *waves], axis=2))
-    square = np.array([np.sum(one[:, 1:] ** 2, axis=0) for one in own])
-    product = np.array([one[:, 0] @ one[:, 1:] for one in own])
+    shifts_near = [] if between is None else between(shift)
+    momentary_waves = [operator(wave(one, momentary=True)) for one in shifts_near]
+    by_axis = rows(np.stack([y, operator(wave(shift)), *momentary_waves], axis=2))
+    square = np.array([np.sum(one[:, 1:] ** 2, axis=0) for one in by_axis])
+    product = np.array([one[:, 0] @ one[:, 1:] for one in by_axis])
     gain = np.sum(product[turned] ** 2 / square[turned], axis=0)
     gain[1:] += 2.0  # the smooth wave has its shift as one parameter more
     best = int(np.argmax(gain))
     if best:
-        shift, model = float(near[best - 1]), waves[best - 1]
+        shift, model = float(shifts_near[best - 1]), momentary_waves[best - 1]
         scale = np.where(turned, product[:, best] / np.where(turned, square[:, best], 1.0), 1.0)
     sigma = np.sqrt(np.clip(np.diag(inverse), 0.0, None))
     residual = np.full_like(y, np.nan)
@@ -603,34 +603,34 @@ def fit_wave(measured, wave, operator: Resampler, noise: list[NoiseModel], degre
 
 
 def coarse_shift(y, model, operator: Resampler, drift, noise: list[NoiseModel]) -> float:
-    """Shift up to 3 s, in steps of the grid, at which measurement and model agree best; Gauss-Newton starts there."""
+    """Shift (s), up to 3 s in steps of the grid, of largest weighted cross-correlation of data and model (n, 3)."""
     valid = operator.valid
     weight = np.array([1 / n.variance[0] if n.variance[0] > 0 else 0.0 for n in noise])
-    clean = np.zeros((2, *y.shape))
+    detrended = np.zeros((2, *y.shape))
     for k, series in enumerate((y, model)):
-        clean[k][valid] = project_out(drift[valid], series[valid])
+        detrended[k][valid] = project_out(drift[valid], series[valid])
     step = float(operator.time[1] - operator.time[0])
     count = int(3.0 / step)
-    inner = weight * clean[0][count : len(y) - count]
-    agreement = sum(np.correlate(clean[1][:, axis], inner[:, axis], "valid") for axis in range(3))
+    inner = weight * detrended[0][count : len(y) - count]
+    agreement = sum(np.correlate(detrended[1][:, axis], inner[:, axis], "valid") for axis in range(3))
     return float((count - np.argmax(agreement)) * step)
 
 
 def delay_from_brackets(shift, sigma, lower, upper) -> tuple[float, float]:
     """Delay of an instrument's tags against the torquer telemetry and its standard deviation, s.
 
-    Telemetry at 2 Hz only says between which samples the first edge lies, (k,) s lower and upper. The edge seen by the
-    instrument, (k,) s with its error, less the delay, has to lie there in every manoeuvre; a flat prior gives mean and
-    standard deviation of what is left.
+    Telemetry at 2 Hz only brackets the first edge, (k,) s lower and upper. The edge shift seen by the instrument, (k,)
+    s with sigma (k,) s, less the delay, has to lie there in every manoeuvre; mean and standard deviation are those of
+    the posterior with a flat prior.
     """
-    half = (np.max(upper - lower) + np.max(np.abs(shift))) + 5 * float(np.max(sigma))
-    grid = np.linspace(-half, half, 8001)
-    true = shift[:, None] - grid
-    above, below = ((end[:, None] - true) / sigma[:, None] for end in (upper, lower))
+    reach = (np.max(upper - lower) + np.max(np.abs(shift))) + 5 * float(np.max(sigma))
+    grid = np.linspace(-reach, reach, 8001)
+    true_shift = shift[:, None] - grid
+    above, below = ((end[:, None] - true_shift) / sigma[:, None] for end in (upper, lower))
     inside = ndtr(above) - ndtr(below)
-    far = np.minimum(log_ndtr(above), log_ndtr(-below))
-    log = np.sum(np.where(inside > 1e-280, np.log(np.maximum(inside, 1e-300)), far), axis=0)
-    weight = np.exp(log - log.max())
+    log_tail = np.minimum(log_ndtr(above), log_ndtr(-below))
+    log_likelihood = np.sum(np.where(inside > 1e-280, np.log(np.maximum(inside, 1e-300)), log_tail), axis=0)
+    weight = np.exp(log_likelihood - log_likelihood.max())
     weight /= weight.sum()
     mean = float(weight @ grid)
     return mean, float(np.sqrt(weight @ (grid - mean) ** 2))
@@ -640,18 +640,18 @@ def delay_from_brackets(shift, sigma, lower, upper) -> tuple[float, float]:
 
 
 def shape(arc: Arc, rod: int, shift: float, time: np.ndarray, width: float) -> np.ndarray:
-    """Sign of the wave times (1, u), u from -1 to 1 over the arc, (n, 2)."""
+    """Unit square wave times (1, u), u from -1 to 1 over the arc, (n, 2), mean over a sampling interval `width` (s)."""
     amplitude = np.abs(arc.dipole_b[:, rod]).max(initial=0.0)
     sign = mean_dipole(arc, time, shift, width)[:, rod] / (amplitude or 1.0)
     return sign[:, None] * polynomial(time, 1, arc.origin, arc.stop)
 
 
 def fit_star_camera_wave(window: Window, fit: Fit, noise: list[NoiseModel], degree: int):
-    """Amplitudes of the wave about each body axis from the star camera, nothing of the torquer's strength used.
+    """Amplitude of the wave about each body axis from the star camera alone, independent of the torquer's strength.
 
     Start attitude, rate and a slow torque of some degree are estimated along; timing and reference motion are those of
-    the attitude fit. Amplitude (2, 3) rad s-2 are coefficients of `shape` about each axis, root (6, 6) with root root^T
-    their covariance, ordered (shape, axis).
+    the attitude fit. Returned are amplitude (2, 3) rad s-2, coefficients of `shape` about each axis, and root (6, 6),
+    root root^T their covariance, ordered (shape, axis).
     """
     arc, rod, solution = window.arc, window.rod, fit.solution
     motion = window.time, solution.state, torque_of(arc, solution)
@@ -670,8 +670,8 @@ def fit_star_camera_wave(window: Window, fit: Fit, noise: list[NoiseModel], degr
     unit = np.zeros(3)
     unit[rod] = np.abs(arc.dipole_b[:, rod]).max(initial=0.0)
     torque = solution.scale_b * np.cross(unit, field_at(window, fit, time))
-    line = np.linalg.lstsq(polynomial(time, 1, arc.origin, arc.stop), torque, rcond=None)[0]
-    residual = fit.residual + design[:, :, -6:] @ np.linalg.solve(arc.inertia, line.T).T.ravel()
+    torque_line = np.linalg.lstsq(polynomial(time, 1, arc.origin, arc.stop), torque, rcond=None)[0]
+    residual = fit.residual + design[:, :, -6:] @ np.linalg.solve(arc.inertia, torque_line.T).T.ravel()
     rows = whitened(noise, np.concatenate([residual[:, :, None], design], axis=2), window.good)
     inverse = stable_inverse(rows[:, 1:].T @ rows[:, 1:])
     unknown = inverse @ rows[:, 1:].T @ rows[:, 0]

@@ -1,4 +1,4 @@
-"""What the records of a day must satisfy against each other to be believed; the result is judged in the report."""
+"""Checks of the records of a day against each other, before anything is solved; the report judges the result."""
 
 import numpy as np
 import xarray as xr
@@ -12,30 +12,30 @@ from gravcal.estimation.resampling import bin_means
 from gravcal.physics import frames, gravity
 from gravcal.physics.constants import EARTH_RADIUS
 
-#: Share of the samples of a piece that must keep to a limit: single stray ones do not count, a tenth of a piece does.
+#: Quantile of the samples of a piece that must keep to a limit: single outliers do not count, a tenth of a piece does.
 SHARE = 0.9
-#: Longest step over which a mean velocity stands for the derivative of the position.
+#: s, longest step between samples over which a mean velocity stands for the derivative of the position.
 STEP_LIMIT_S = 30.0
 #: Channels that never read the same for long.
 CHANNELS = {"acc": ("linear_b", "angular_b"), "sca": ("quaternion",), "mag": ("field_measured_b",)}
-#: Of tags that are far off: longest lag, length of a manoeuvre, within which lags look alike, and least lag, s; band of
-#: the waves, Hz.
+#: Of tags that are far off: longest lag s, length s of a manoeuvre, within which lags are not independent, least lag s;
+#: band of the square waves, Hz.
 APART_S, NEAR_S, LATE_S, BAND_HZ = 600, 180, 10, (1 / 30, 1 / 6)
 
 
 def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *others: xr.Dataset, **limits) -> xr.Dataset:
     """Checks of the records round the manoeuvres against each other; what is not there is not checked.
 
-    A misfit is the largest of those that 90 % of the samples keep to, over pieces of `check_piece_s`. Others are the
-    orbit product that was not taken, if there is one.
+    A misfit is the 90 % quantile of the samples of a piece of `check_piece_s`, the largest of all pieces. Products are
+    "align", "field" and "attitude"; others are the orbit product that was not taken, if there is one.
     """
     piece = limits["check_piece_s"]
     usable = aligned["orbit_flag"].values == 0
     time, position, velocity = (aligned[n].values[usable] for n in ("time_orbit", "position_i", "velocity_i"))
-    derivative, pull = _orbit(time, position, velocity)
+    against_velocity, against_gravity = _orbit(time, position, velocity)
     height = 1e-3 * (np.linalg.norm(position, axis=1) - EARTH_RADIUS)
     pointing = _pointing(aligned, time, position, velocity)
-    apart = _misfit(*_apart(others, aligned, time, position), piece)
+    distance = _misfit(*_apart(others, aligned, time, position), piece)
     used = checked["used"].values.astype(bool)
     field = checked["time_mag"].values[used], 1e9 * np.linalg.norm(checked["difference_b"].values[used], axis=1)
     outliers = [float(np.mean(aligned[f"{name}_flag"].values == OUTLIER)) for name in REACH]
@@ -46,9 +46,9 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
         values, tags = values[:, np.isfinite(values).any(axis=0)], aligned[f"time_{sensor}"].values[usable]
         longest += [checking.longest_constant(tags, values, STEP_LIMIT_S)] if values.size else []
     checks = [
-        at_most("position against velocity", _misfit(*derivative, piece), limits["velocity_limit_m_s"], "m s-1"),
-        at_most("velocity against gravity", _misfit(*pull, piece), limits["gravity_limit_m_s2"], "m s-2"),
-        at_most("orbit products", apart, limits["orbit_limit_m"], "m"),
+        at_most("position against velocity", _misfit(*against_velocity, piece), limits["velocity_limit_m_s"], "m s-1"),
+        at_most("velocity against gravity", _misfit(*against_gravity, piece), limits["gravity_limit_m_s2"], "m s-2"),
+        at_most("orbit products", distance, limits["orbit_limit_m"], "m"),
         at_least("lowest height", -_misfit(time, -height, piece), limits["height_lowest_km"], "km"),
         at_most("greatest height", _misfit(time, height, piece), limits["height_greatest_km"], "km"),
         at_most("attitude against orbit", _misfit(*pointing, piece), limits["pointing_limit_deg"], "deg"),
@@ -61,29 +61,29 @@ def inputs(aligned: xr.Dataset, checked: xr.Dataset, smoothed: xr.Dataset, *othe
 
 
 def _misfit(time, size, piece_s):
-    """Largest over pieces of a record of what a share of their samples keep to; NaN without a sample."""
+    """Largest, over pieces of a record, of the `SHARE` quantile of sizes (n,) at (n,) s; NaN without a sample."""
     size = np.where(np.isfinite(size), size, np.inf)
     pieces = np.split(size, np.flatnonzero(np.diff(np.floor(time / piece_s))) + 1)
-    return max((float(np.quantile(one, SHARE, method="lower")) for one in pieces if one.size), default=np.nan)
+    return max((float(np.quantile(sizes, SHARE, method="lower")) for sizes in pieces if sizes.size), default=np.nan)
 
 
 def _orbit(time, position, velocity):
-    """Change of position minus mean velocity (m/s), change of velocity minus gravity (m/s2), over short steps."""
+    """Pairs (time s, misfit): position derivative minus velocity m s-1, velocity derivative minus gravity m s-2."""
     step = np.diff(time)
-    near = (step > 0) & (step <= STEP_LIMIT_S)
+    short = (step > 0) & (step <= STEP_LIMIT_S)
     mean = lambda values: (values[1:] + values[:-1]) / 2  # noqa: E731
     height = np.linalg.norm(position, axis=1)
     outside = ~((height > EARTH_RADIUS / 2) & (height < 100 * EARTH_RADIUS))
-    pull = gravity.acceleration_i(np.where(outside[:, None], [EARTH_RADIUS, 0.0, 0.0], position))
-    pull[outside] = np.inf
+    gravity_i = gravity.acceleration_i(np.where(outside[:, None], [EARTH_RADIUS, 0.0, 0.0], position))
+    gravity_i[outside] = np.inf
     with np.errstate(invalid="ignore", divide="ignore"):
-        moved = np.diff(position, axis=0) / step[:, None] - mean(velocity)
-        pulled = np.diff(velocity, axis=0) / step[:, None] - mean(pull)
-    return [(mean(time)[near], np.linalg.norm(one, axis=1)[near]) for one in (moved, pulled)]
+        velocity_misfit = np.diff(position, axis=0) / step[:, None] - mean(velocity)
+        gravity_misfit = np.diff(velocity, axis=0) / step[:, None] - mean(gravity_i)
+    return [(mean(time)[short], np.linalg.norm(misfit, axis=1)[short]) for misfit in (velocity_misfit, gravity_misfit)]
 
 
 def _apart(others, aligned, time, position):
-    """Distance (m) of another orbit product at the common epochs in the windows; none without one."""
+    """Common epochs (m,) s in the windows, and distance (m,) m of another orbit product there; empty without one."""
     if not others:
         return np.zeros(0), np.zeros(0)
     spans = np.stack([aligned["window_start"].values, aligned["window_stop"].values], axis=1)
@@ -96,15 +96,15 @@ def _apart(others, aligned, time, position):
 
 
 def _pointing(aligned, time, position, velocity):
-    """Angle (deg) of x to the velocity or against it, or of z to the nadir if that is larger, at the star camera.
+    """Star-camera epochs (m,) s, and larger of the angles (m,) deg of x to the line of velocity and of z to the nadir.
 
-    Which way x flies depends on which satellite leads; the field tells a body turned round from one that is not.
+    Which way x flies depends on which satellite leads; the magnetic field shows whether the body is turned round.
     """
     quaternion = aligned["quaternion"].values
     if time.size < 2:
         return np.zeros(0), np.zeros(0)
-    at = np.isfinite(quaternion).all(axis=1) & between(aligned["time_sca"].values, time, STEP_LIMIT_S)
-    epoch, R_bi = aligned["time_sca"].values[at], frames.R_bi_from_quaternion(quaternion[at])
+    inside = np.isfinite(quaternion).all(axis=1) & between(aligned["time_sca"].values, time, STEP_LIMIT_S)
+    epoch, R_bi = aligned["time_sca"].values[inside], frames.R_bi_from_quaternion(quaternion[inside])
     towards = [np.stack([np.interp(epoch, time, v[:, c]) for c in range(3)], axis=1) for v in (velocity, -position)]
     with np.errstate(invalid="ignore", divide="ignore"):
         ahead, down = (np.matvec(R_bi, v / np.linalg.norm(v, axis=1, keepdims=True)) for v in towards)
@@ -112,25 +112,25 @@ def _pointing(aligned, time, position, velocity):
 
 
 def angular_accelerations(aligned: xr.Dataset) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Epochs (n,) s, a second apart, and angular accelerations (n, 3) there, NaN where there is none.
+    """Epochs (n,) s, a second apart, and {"mag", "acc", "sca": angular acceleration (n, 3)} there, NaN where unknown.
 
-    Of the torquers ("mag", about each axis in a unit of its own), accelerometer and star camera (rad s-2).
+    Of accelerometer and star camera in rad s-2; of the torquers, current x field in mA T, which it is proportional to.
     """
     first = np.floor(aligned["window_start"].values.min())
     epoch = first + np.arange(int(aligned["window_stop"].values.max() - first) + 2)
     good = (aligned["sca_flag"].values == 0) & np.isfinite(aligned["quaternion"].values).all(axis=1)
-    turned, time = aligned["quaternion"].values[good], aligned["time_sca"].values[good]
-    steps = frames.rotation_vector(frames.quaternion_product(frames.conjugate(turned[:-1]), turned[1:]))
-    camera, step = np.full((time.size, 3), np.nan), np.diff(time)
+    quaternion, time = aligned["quaternion"].values[good], aligned["time_sca"].values[good]
+    steps = frames.rotation_vector(frames.quaternion_product(frames.conjugate(quaternion[:-1]), quaternion[1:]))
+    sca_acceleration, step = np.full((time.size, 3), np.nan), np.diff(time)
     if time.size > 2:
-        even = (step[1:] < 1.5 * np.median(step)) & (step[:-1] < 1.5 * np.median(step))
-        camera[1:-1][even] = (np.diff(steps, axis=0) / (step[1:] * step[:-1])[:, None])[even]
+        evenly = (step[1:] < 1.5 * np.median(step)) & (step[:-1] < 1.5 * np.median(step))
+        sca_acceleration[1:-1][evenly] = (np.diff(steps, axis=0) / (step[1:] * step[:-1])[:, None])[evenly]
     torque = np.cross(aligned["current_b"].values, aligned["field_measured_b"].values)
-    edges, made = np.append(epoch, epoch[-1] + 1) - 0.5, {}
+    edges, means = np.append(epoch, epoch[-1] + 1) - 0.5, {}
     for name, values in (("mag", torque), ("acc", aligned["angular_b"].values)):
         usable = aligned[f"{name}_flag"].values == 0
-        made[name], _ = bin_means(aligned[f"time_{name}"].values[usable], values[usable], edges)
-    return epoch, made | {"sca": bin_means(time, camera, edges)[0]}
+        means[name], _ = bin_means(aligned[f"time_{name}"].values[usable], values[usable], edges)
+    return epoch, means | {"sca": bin_means(time, sca_acceleration, edges)[0]}
 
 
 def late(aligned: xr.Dataset) -> dict[str, int]:
@@ -141,40 +141,40 @@ def late(aligned: xr.Dataset) -> dict[str, int]:
     """
     if not aligned.sizes["manoeuvre"]:
         return {}
-    time, made = angular_accelerations(aligned)
-    known = {name: one for name, one in made.items() if np.isfinite(one).any()}
+    time, accelerations = angular_accelerations(aligned)
+    known = {name: one for name, one in accelerations.items() if np.isfinite(one).any()}
     if "mag" not in known:
         return {}
-    about = {name: np.nan_to_num(one - np.nanmean(one, axis=0)) for name, one in known.items()}
-    spectra = {name: np.fft.rfft(one, 2 * time.size, axis=0) for name, one in about.items()}
+    centred = {name: np.nan_to_num(one - np.nanmean(one, axis=0)) for name, one in known.items()}
+    spectra = {name: np.fft.rfft(one, 2 * time.size, axis=0) for name, one in centred.items()}
     frequency = np.fft.rfftfreq(2 * time.size, 1.0)
     weight = ((frequency > BAND_HZ[0]) & (frequency < BAND_HZ[1]))[:, None]
-    most = min(APART_S, time.size - 1)
-    lags = {name: timing.lag(spectra[name], spectra["mag"], most, NEAR_S, weight) for name in known if name != "mag"}
+    longest = min(APART_S, time.size - 1)
+    lags = {name: timing.lag(spectra[name], spectra["mag"], longest, NEAR_S, weight) for name in known if name != "mag"}
     far = {name: lag for name, lag in lags.items() if abs(lag) > LATE_S}
     return {"mag": -far["acc"]} if len(far) == 2 and abs(far["acc"] - far["sca"]) <= 1 else far
 
 
 def _motion(smoothed, far, limits):
-    """Star camera and angular accelerometer against the motion that the torquers make."""
+    """Checks of star camera and angular accelerometer against the torquers; `far` are the seconds of `late`."""
     known = {name: smoothed[name].values for name in smoothed.variables}
     limit, checks = limits["scale_limit"], []
-    for name, said in (("torque", "star camera over torquers"), ("angular", "angular accelerometer over torquers")):
+    for name, label in (("torque", "star camera over torquers"), ("angular", "angular accelerometer over torquers")):
         determined = (known[f"{name}_scale_sigma"] < limit / 5) & (known["rod"] >= 0)[:, None]
-        off = np.abs(known[f"{name}_scale"] - 1)[determined]
-        checks.append(at_most(f"{said}, from one", largest(off), limit, "1"))
+        deviation = np.abs(known[f"{name}_scale"] - 1)[determined]
+        checks.append(at_most(f"{label}, from one", largest(deviation), limit, "1"))
     # scale of the angular accelerometer over that of the star camera, from one; the torque that they share drops out
     limit = limits["angular_limit"]
     size = np.maximum(np.hypot(known["torque_scale_sigma"], known["angular_scale_sigma"]), 1e-6)
     determined = (known["rod"] >= 0)[:, None] & (size < limit / 2) & (known["torque_scale"] != 0)
-    off = np.divide(known["angular_scale"], known["torque_scale"], out=np.ones_like(size), where=determined) - 1
+    deviation = np.divide(known["angular_scale"], known["torque_scale"], out=np.ones_like(size), where=determined) - 1
     weight = np.where(determined, size**-2, 0.0)
     total = np.maximum(weight.sum(axis=0), 1e-300)
-    off = largest(np.where(total > (4 / limit) ** 2, np.abs(np.sum(weight * off, axis=0)) / total, np.nan))
-    checks.append(at_most("angular accelerometer over star camera, from one", off, limits["angular_limit"], "1"))
+    deviation = largest(np.where(total > (4 / limit) ** 2, np.abs(np.sum(weight * deviation, axis=0)) / total, np.nan))
+    checks.append(at_most("angular accelerometer over star camera, from one", deviation, limits["angular_limit"], "1"))
     rms = 1e6 * largest(known["residual_rms"])
     checks.append(at_most("star camera against dynamics, rms", rms, limits["attitude_limit_urad"], "urad"))
-    for name, said in (("acc", "accelerometer"), ("sca", "star camera")):
+    for name, label in (("acc", "accelerometer"), ("sca", "star camera")):
         size = np.fmax(largest(np.abs(known[f"{name}_delay"])), abs(far.get(name, far.get("mag", np.nan))))
-        checks.append(at_most(f"delay of the {said}", size, limits["delay_limit_s"], "s"))
+        checks.append(at_most(f"delay of the {label}", size, limits["delay_limit_s"], "s"))
     return checks

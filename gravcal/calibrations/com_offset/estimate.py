@@ -18,12 +18,12 @@ from gravcal.physics import sensing
 PRIOR = np.eye(3) / 1e-3**2
 #: A direction in which one manoeuvre knows the offset worse than this is held at the value of all of them.
 DIRECTION_LIMIT_M = 1e-4
-#: Shortest quiet data from which the noise is measured.
+#: s, shortest quiet data from which the noise is measured.
 QUIET_S = 300.0
 #: m s-2, far below a step of any accelerometer: a channel that moves no more is dead.
 SILENT = 1e-14
 FREQUENCY = np.linspace(0.005, 1.0, 200)
-#: Of the CoM paper: Sec. 4.3, Sec. 3.1, and between the areas of Table 3.
+#: Of the CoM paper: cut-off (Sec. 4.3), weights of x, y, z (Sec. 3.1), latitude rad between the areas of Table 3.
 LOWPASS_HZ, WEIGHTS, HIGH_LATITUDE = 0.166, np.array([1.0, 0.09, 1.0]), np.radians(45.0)
 
 
@@ -96,7 +96,7 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
         noise = _residual_noise(blocks, settings)
     level = measured["level"].values
     louder = [[m.louder(f) for m, f in zip(noise, row, strict=False)] for row in level]  # no noise, no block
-    whitened = [_whitened(block, own) for block, own in zip(blocks, louder, strict=True)]
+    whitened = [_whitened(block, models) for block, models in zip(blocks, louder, strict=True)]
     scores = [None if w is None else w["score"] for w in whitened]
     values = _values(blocks, whitened, scores, _joint_offset(scores), resampled.sizes["mode_index"])
     density = np.array([n.density(FREQUENCY) for n in noise]) if noise else np.full((3, FREQUENCY.size), np.nan)
@@ -104,59 +104,59 @@ def solve(resampled: xr.Dataset, measured: xr.Dataset, **settings) -> xr.Dataset
 
 
 def product(values, place, variant: str, source: str) -> xr.Dataset:
-    """Product of a solution."""
+    """Product "com_offset.solve" from its values; place holds kind, times, latitude and modes of the manoeuvres."""
     kept = {n: place[n] for n in ("kind", "start", "stop", "latitude", "mode_shared", "mode_catalogue")}
     attrs = {"variant": variant, "direction": "proof_mass_to_com", "noise_source": source}
     return build(SCHEMAS["solve"], values | kept | {"frequency": FREQUENCY}, **attrs)
 
 
 def nothing(count: int) -> dict[str, np.ndarray]:
-    """Values of a solution in which so many manoeuvres tell nothing."""
+    """Values of "com_offset.solve" for so many manoeuvres, none of which determines anything."""
     return _values([None] * count, [], [], None, 0) | {"noise_density": np.full((3, FREQUENCY.size), np.nan)}
 
 
 def _joint_offset(scores):
-    """Offset of all manoeuvres together, for errors that scale with it and for residuals; NaN without any.
+    """Offset (3,) m of all manoeuvres together, for residuals and for errors that scale with it; NaN without a Score.
 
     A component that nothing determines stays near zero by a loose prior, so that it does not enlarge these errors.
     """
-    known = [s for s in scores if s is not None]
-    if not known:
+    usable = [s for s in scores if s is not None]
+    if not usable:
         return np.full(3, np.nan)
-    return least_squares.stable_inverse(sum(s.normal for s in known) + PRIOR) @ sum(s.right for s in known)
+    return least_squares.stable_inverse(sum(s.normal for s in usable) + PRIOR) @ sum(s.right for s in usable)
 
 
 def _block(equations, index, settings):
-    """Reading, columns, instruments, modes and drift of one manoeuvre; None without epochs."""
+    """{"reading": (n, 3), "design", "instruments", "modes": (n, 3, 3), ...} of one manoeuvre; None without epochs."""
     inside = slice(*np.searchsorted(equations["grid_manoeuvre"], [index, index + 1]))
     if inside.stop == inside.start:
         return None
     time, still = equations["epoch"][inside], equations["still"][inside]
     driven, modes = equations["driven_b"][:, inside], equations["mode"][:, inside]
     rate_dot = np.concatenate([equations["rate_dot_b"][None, inside], driven, modes])
-    turning = list(-sensing.rotation_tensor(np.zeros(3), rate_dot))
+    angular_part = list(-sensing.rotation_tensor(np.zeros(3), rate_dot))
     return {
         "time": time,
         "valid": equations["valid"][inside].astype(bool),
         "reading": equations["reading"][inside],
-        "design": still + turning[0],
-        "instruments": still + turning[1] if len(driven) else None,
-        "modes": turning[1 + len(driven) :],
+        "design": still + angular_part[0],
+        "instruments": still + angular_part[1] if len(driven) else None,
+        "modes": angular_part[1 + len(driven) :],
         "drift": least_squares.polynomial(time, settings["drift_degree"], *time[[0, -1]]),
     }
 
 
 def _whitened(block, noise):
-    """Whitened reading, columns and instruments without drift, modes; the rows of the three axes stacked."""
+    """Block (of `_block`) whitened, drift projected out, the rows of three axes stacked; with its Score and "dof"."""
     if block is None:
         return None
     valid, drift = block["valid"], block["drift"]
-    own = [block["design"], *([] if block["instruments"] is None else [block["instruments"]]), *block["modes"]]
-    columns = np.concatenate([block["reading"][:, :, None], *own], axis=2)
+    designs = [block["design"], *([] if block["instruments"] is None else [block["instruments"]]), *block["modes"]]
+    columns = np.concatenate([block["reading"][:, :, None], *designs], axis=2)
     white = []
     for a in range(3):
-        turned = whiten(noise[a], np.concatenate([columns[:, a], drift], axis=1), valid)
-        white.append(least_squares.project_out(turned[:, columns.shape[2] :], turned[:, : columns.shape[2]]))
+        axis_rows = whiten(noise[a], np.concatenate([columns[:, a], drift], axis=1), valid)
+        white.append(least_squares.project_out(axis_rows[:, columns.shape[2] :], axis_rows[:, : columns.shape[2]]))
     reading, *parts = np.split(np.concatenate(white), np.arange(1, columns.shape[2], 3), axis=1)
     whitened = {"reading": reading[:, 0], "design": parts.pop(0)}
     whitened["instruments"] = None if block["instruments"] is None else parts.pop(0)
@@ -167,7 +167,7 @@ def _whitened(block, noise):
 
 
 def _residual_noise(blocks, settings):
-    """Noise from the residuals of a first solution with white noise, where quiet data are missing."""
+    """NoiseModel of each axis from the residuals of a first solution with white noise, where quiet data are missing."""
     step_s, pieces = settings["step_s"], []
     white = [NoiseModel(np.zeros(0), np.array([1e-18]), step_s)] * 3
     used = [block for block in blocks if block is not None]
@@ -182,7 +182,7 @@ def _residual_noise(blocks, settings):
 
 
 def _values(blocks, whitened, scores, joint, modes):
-    """Values of "solve": normal equations, chi-square and mode shifts of each manoeuvre; series less their drift."""
+    """Values of "com_offset.solve": normal equations, chi-square, mode shifts; reading and model less their drift."""
     count = len(blocks)
     table = {"offset": np.full((count, 3), np.nan), "right": np.zeros((count, 3)), "chi2": np.full(count, np.nan)}
     table |= {"normal": np.zeros((count, 3, 3)), "information": np.zeros((count, 3, 3))}
@@ -195,20 +195,20 @@ def _values(blocks, whitened, scores, joint, modes):
         A, Z = white["design"], white["instruments"]
         gain = least_squares.stable_inverse(score.information) @ (A if Z is None else Z).T
         residual = white["reading"] - A @ joint
-        left = 0.0 if Z is None else least_squares.project_out(Z, A @ joint)
-        column_noise = float(np.sum(left**2) / max(white["rows"], 1))  # variance, over that of the reading
+        column_rest = 0.0 if Z is None else least_squares.project_out(Z, A @ joint)
+        column_noise = float(np.sum(column_rest**2) / max(white["rows"], 1))  # variance, over that of the reading
         table["offset"][i] = score.determined(joint, DIRECTION_LIMIT_M)
         for name in ("right", "normal", "information"):
             table[name][i] = getattr(score, name) / (1 + column_noise)
         table["mode_shift"][i] = np.array([-gain @ mode @ joint for mode in white["modes"]]).reshape(-1, 3)
         table["chi2"][i], table["dof"][i] = residual @ residual, white["dof"]
         valid = block["valid"]
-        both = np.concatenate([block["reading"][valid], block["design"][valid] @ joint], axis=1)
-        both = least_squares.project_out(block["drift"][valid], both)
+        pair = np.concatenate([block["reading"][valid], block["design"][valid] @ joint], axis=1)
+        pair = least_squares.project_out(block["drift"][valid], pair)
         series["time_grid"].append(block["time"][valid])
         series["grid_manoeuvre"].append(np.full(int(valid.sum()), i))
-        series["reading"].append(both[:, :3])
-        series["model"].append(both[:, 3:])
+        series["reading"].append(pair[:, :3])
+        series["model"].append(pair[:, 3:])
     return table | {n: np.concatenate(v) for n, v in series.items()}
 
 
@@ -229,9 +229,9 @@ def published_solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Datas
         linear, marked = reading(aligned, time)
         rates = smoothed["rate_b"][inside], angular["rate_dot_b"][inside]
         high = abs(float(place["latitude"][i])) > HIGH_LATITUDE  # two components of pitch and roll, Table 7, else all
-        kept = {0: [1, 2], 1: [0, 2]}.get(int(place["kind"][i]) if high else 2, [0, 1, 2])
-        offset[i], formal = published_offset(time, ~marked, linear, rates, kept)
-        information[i][np.ix_(kept, kept)] = least_squares.stable_inverse(formal[np.ix_(kept, kept)])
+        solved = {0: [1, 2], 1: [0, 2]}.get(int(place["kind"][i]) if high else 2, [0, 1, 2])
+        offset[i], formal = published_offset(time, ~marked, linear, rates, solved)
+        information[i][np.ix_(solved, solved)] = least_squares.stable_inverse(formal[np.ix_(solved, solved)])
     values = nothing(count) | {"offset": offset, "information": information, "normal": information}
     values["right"] = np.matvec(information, np.nan_to_num(offset))
     return product(values, place | {"mode_shared": [], "mode_catalogue": []}, variant, "published")
@@ -246,32 +246,32 @@ def combine(*solved: xr.Dataset, **settings) -> xr.Dataset:
     """
     limit = settings["determined_sigma_um"] * 1e-6
     method = settings["method"]
-    turning = (settings["drag_sigma_m_s2"] * (settings["period_s"] / (2 * np.pi)) ** 2) ** 2 * np.eye(3)
+    drag_covariance = (settings["drag_sigma_m_s2"] * (settings["period_s"] / (2 * np.pi)) ** 2) ** 2 * np.eye(3)
     joint = {s.attrs["variant"]: _joint(s) if method == "gravcal" else _selected(s) for s in solved}
-    own = {s.attrs["variant"]: s for s in solved}
+    solutions = {s.attrs["variant"]: s for s in solved}
     names = [v for v in VARIANTS if v in joint]
     single = {}  # noise of each manoeuvre and its own modes; the shared measured ones too
     for v in names:
-        moves = own[v]["mode_shift"].values[:, ~own[v]["mode_catalogue"].values.astype(bool)]
-        noise = [least_squares.covariance(information + PRIOR) for information in own[v]["information"].values]
-        single[v] = np.array(noise).reshape(-1, 3, 3) + np.swapaxes(moves, 1, 2) @ moves
+        shifts = solutions[v]["mode_shift"].values[:, ~solutions[v]["mode_catalogue"].values.astype(bool)]
+        noise = [least_squares.covariance(information + PRIOR) for information in solutions[v]["information"].values]
+        single[v] = np.array(noise).reshape(-1, 3, 3) + np.swapaxes(shifts, 1, 2) @ shifts
     determined = np.array([_determined(joint[v]["covariance"], limit) for v in names])
     values = {name: [joint[v][name] for v in names] for name in ("covariance", "chi2", "dof")}
     values |= {
         "offset": np.where(determined, [joint[v]["offset"] for v in names], np.nan),
-        "covariance_total": [joint[v]["covariance_total"] + turning for v in names],
+        "covariance_total": [joint[v]["covariance_total"] + drag_covariance for v in names],
         "determined": determined,
-        "manoeuvre_offset": [own[v]["offset"].values for v in names],
+        "manoeuvre_offset": [solutions[v]["offset"].values for v in names],
         "manoeuvre_covariance": [single[v] for v in names],
         "manoeuvre_determined": [np.array([_determined(c, limit) for c in single[v]]).reshape(-1, 3) for v in names],
-        "manoeuvre_chi2": [own[v]["chi2"].values for v in names],
-        "manoeuvre_dof": [own[v]["dof"].values for v in names],
+        "manoeuvre_chi2": [solutions[v]["chi2"].values for v in names],
+        "manoeuvre_dof": [solutions[v]["dof"].values for v in names],
     }
     # without the catalogue: neither holds its inertia or dipole; the prior of the angular scale is within
     values["variants_chi2"], values["variants_dof"] = _difference(joint, ("acc", "sca"), limit)
     # prior errors of both are in the covariance: a catalogue that is worse than it says is seen, nothing finer
-    against = [_difference(joint, ("mtq", name), limit) for name in ("acc", "sca")]
-    values["catalogue_chi2"], values["catalogue_dof"] = next((one for one in against if one[1]), (0.0, 0))
+    differences = [_difference(joint, ("mtq", name), limit) for name in ("acc", "sca")]
+    values["catalogue_chi2"], values["catalogue_dof"] = next((one for one in differences if one[1]), (0.0, 0))
     values |= {n: solved[0][n].values for n in ("kind", "start", "stop")}
     attrs = {"method": method, "consistency_level": settings["consistency_level"], "direction": "proof_mass_to_com"}
     return build(SCHEMAS["combine"], values, variants=" ".join(names), **attrs)
@@ -293,19 +293,19 @@ def adopted(combined: xr.Dataset) -> str | None:
 def with_model_error(
     combined: xr.Dataset, *moved: xr.Dataset, determined_sigma_um: float, added: str = ""
 ) -> xr.Dataset:
-    """The same with covariances that hold the errors of the effects that were taken out of the records before.
+    """Product "com_offset.combine" with covariances that include the errors of effects removed from the records.
 
     Single manoeuvres and the tests of consistency keep the errors of the noise alone. One moved product for each
     direction of the model's errors; added as of `schemas.widened`.
     """
     new = widened(combined, moved, {"offset": ("covariance", "covariance_total")}, added)
-    before = new.get("offset", combined["offset"].values)
+    offset = new.get("offset", combined["offset"].values)
     known = np.array([_determined(one, determined_sigma_um * 1e-6) for one in new["covariance"]])
-    return replaced(combined, new | {"determined": known.astype("u1"), "offset": np.where(known, before, np.nan)})
+    return replaced(combined, new | {"determined": known.astype("u1"), "offset": np.where(known, offset, np.nan)})
 
 
 def _selected(solved):
-    """Rows and errors that the source paper keeps."""
+    """Joint solution, with the keys of `_joint`, from the components and errors that the source paper keeps."""
     covariance = np.array([least_squares.covariance(i) for i in solved["information"].values]).reshape(-1, 3, 3)
     sigma = np.sqrt(np.diagonal(covariance, axis1=1, axis2=2))
     mean, error = published_mean(solved["kind"].values, solved["latitude"].values, solved["offset"].values, sigma)
@@ -315,16 +315,16 @@ def _selected(solved):
 
 
 def _joint(solved):
-    """Combination of the manoeuvres of one angular acceleration with its mode errors."""
+    """Joint solution of a variant: offset (3,) m, covariances (3, 3), shifts by catalogue modes (m, 3), chi2, dof."""
     shared = solved["mode_shared"].values.astype(bool)
     catalogue = solved["mode_catalogue"].values.astype(bool)[shared]
-    known = np.flatnonzero(np.isfinite(solved["offset"].values).all(axis=1))
-    if not known.size:
+    used = np.flatnonzero(np.isfinite(solved["offset"].values).all(axis=1))
+    if not used.size:
         nothing = {"offset": np.full(3, np.nan), "catalogue": np.zeros((catalogue.sum(), 3)), "chi2": 0.0, "dof": 0}
         return nothing | dict.fromkeys(("covariance", "covariance_total", "noise", "own"), np.full((3, 3), np.inf))
-    parts = [solved[n].values[known] for n in ("right", "normal", "information")]
+    parts = [solved[n].values[used] for n in ("right", "normal", "information")]
     scores = [least_squares.Score(*part) for part in zip(*parts, strict=True)]
-    shift = solved["mode_shift"].values[known]
+    shift = solved["mode_shift"].values[used]
     joined = least_squares.combine(scores, list(shift[:, ~shared]), list(shift[:, shared]), PRIOR)
     measured, catalogued = joined.shift[~catalogue], joined.shift[catalogue]
     total = joined.covariance + measured.T @ measured
@@ -338,33 +338,33 @@ def _joint(solved):
 
 
 def _determined(covariance, limit):
-    """Which components are known better than the limit."""
+    """True (3,) for components whose standard deviation in a covariance (3, 3) is finite and below the limit."""
     sigma = np.sqrt(np.clip(np.diag(covariance), 0, None))
     return np.isfinite(sigma) & (sigma < limit)
 
 
 def _difference(joint, names, limit):
-    """Chi-square of the difference of two variants over the directions that both determine, prior errors within.
+    """Chi-square and degrees of freedom of the difference of two variants, over the directions that both determine.
 
-    Both share the noise of the linear channels; what is left is their own modes, and the noise by which they are worse
-    than the best weights (mtq). acc_calibrated is acc scaled to the torquers: it says nothing that these do not say.
-    Directions, not components: what one manoeuvre leaves open along x leaks into z by their correlation.
+    Both share the noise of the linear channels: the covariance is that of their modes, with prior errors, and of the
+    noise by which they are worse than the best weights (mtq). acc_calibrated is acc scaled to the torquers: it adds no
+    test. Directions, not components: what one manoeuvre leaves undetermined along x is correlated with z.
     """
     if not set(names) <= set(joint):
         return 0.0, 0
     one, other = (joint[name] for name in names)
-    known = [one["covariance"], other["covariance"], joint.get("mtq", one)["noise"]]
-    if not np.isfinite(known).all():
+    covariances = [one["covariance"], other["covariance"], joint.get("mtq", one)["noise"]]
+    if not np.isfinite(covariances).all():
         return 0.0, 0
-    size, vectors = np.linalg.eigh((known[0] + known[1]) / 2)
+    size, vectors = np.linalg.eigh((covariances[0] + covariances[1]) / 2)
     basis = vectors[:, size < limit**2]
     inner = [{n: basis.T @ j[n] @ basis for n in ("own", "noise")} for j in (one, other)]
-    shared = basis.T @ known[2] @ basis
-    moves = np.concatenate([one["catalogue"], other["catalogue"]])
-    covariance = basis.T @ moves.T @ moves @ basis
+    shared = basis.T @ covariances[2] @ basis
+    shifts = np.concatenate([one["catalogue"], other["catalogue"]])
+    covariance = basis.T @ shifts.T @ shifts @ basis
     for part in inner:  # noise beyond the shared one, never negative, 0.1 % of that as floor
-        beyond, turn = np.linalg.eigh(part["noise"] - shared)
-        covariance = covariance + part["own"] + (turn * np.clip(beyond, 0, None)) @ turn.T + 0.001 * shared
+        beyond, directions = np.linalg.eigh(part["noise"] - shared)
+        covariance = covariance + part["own"] + (directions * np.clip(beyond, 0, None)) @ directions.T + 0.001 * shared
     difference = basis.T @ (one["offset"] - other["offset"])
     return float(difference @ np.linalg.solve(covariance, difference)), basis.shape[1]
 
@@ -429,13 +429,13 @@ def quiet(aligned: xr.Dataset, **settings) -> xr.Dataset:
 
 
 def nearest(aligned: xr.Dataset, times: list[np.ndarray]) -> np.ndarray:
-    """Manoeuvre (k,) nearest to each piece of epochs s; 0 where there is none."""
+    """Index (k,) of the manoeuvre nearest to each of k pieces of epochs (n_i,) s; 0 where there is no manoeuvre."""
     middle = (aligned["start"].values + aligned["stop"].values) / 2
     return np.array([np.argmin(np.abs(middle - one.mean())) if middle.size else 0 for one in times], dtype=int)
 
 
 def quiet_operators(aligned, values, settings):
-    """Low-pass of each piece of quiet data long enough: its samples (a slice), which of them are usable, operator."""
+    """Yield the slice, usable samples (n,) bool and low-pass Resampler of each piece of quiet data long enough."""
     time, step_s = aligned["time_acc"].values, settings["step_s"]
     usable = (aligned["acc_flag"].values == 0) & np.isfinite(values).all(axis=1)
     filters = {name: settings[name] for name in ("lowpass_hz", "half_width_s")}
@@ -450,25 +450,25 @@ def quiet_operators(aligned, values, settings):
 
 
 def quiet_spans(aligned, settings):
-    """Pieces as long as a manoeuvre, inside the windows and clear of every manoeuvre."""
+    """Yield begin and end (s) of pieces as long as a manoeuvre, inside the windows and clear of every manoeuvre."""
     start, stop = aligned["start"].values, aligned["stop"].values
     margin = settings["quiet_margin_s"]
     lengths = stop - start if start.size else np.full(aligned.sizes["window"], 180.0)
     ends = aligned["window_start"].values, aligned["window_stop"].values
     for window_start, window_stop, length in zip(*ends, lengths, strict=True):
-        busy = [(a - margin, b + margin) for a, b in zip(start, stop, strict=True)]
+        manoeuvres = [(a - margin, b + margin) for a, b in zip(start, stop, strict=True)]
         begin = window_start
         while begin + length <= window_stop:
-            hit = [b for a, b in busy if a < begin + length and b > begin]
-            if hit:
-                begin = max(hit)
+            overlapped = [b for a, b in manoeuvres if a < begin + length and b > begin]
+            if overlapped:
+                begin = max(overlapped)
                 continue
             yield begin, begin + length
             begin += length
 
 
 def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Dataset:
-    """Autoregressive model of each linear channel, none where there is too little quiet data."""
+    """Product "com_offset.noise": autoregressive model of each linear channel, none with too little quiet data."""
     step, reading = float(pieces.attrs["step_s"]), pieces["reading"].values
     seconds = step * int(np.isfinite(reading[:, 0]).sum())
     count = int(pieces.attrs["manoeuvres"])
@@ -486,14 +486,14 @@ def noise(pieces: xr.Dataset, *, drift_degree: int, noise_order: int) -> xr.Data
     silent = [axis for axis, size in zip("xyz", np.nanmax(np.abs(reading), axis=0), strict=True) if size < SILENT]
     if silent:
         symptom, remedy = f"the same reading for {seconds:.0f} s", "Fetch ACC1A again, or take another day."
-        where = f"linear acceleration along {', '.join(silent)}"
-        refuse(where, symptom, "noise of 1e-10 m s-2", remedy, EstimationError, axes=silent)
+        channel = f"linear acceleration along {', '.join(silent)}"
+        refuse(channel, symptom, "noise of 1e-10 m s-2", remedy, EstimationError, axes=silent)
     cuts, quiet_parts = np.flatnonzero(np.diff(pieces["piece"].values)) + 1, []
-    for grid, own in zip(np.split(pieces["epoch"].values, cuts), np.split(reading.copy(), cuts), strict=True):
-        valid = np.isfinite(own[:, 0])
+    for grid, part_values in zip(np.split(pieces["epoch"].values, cuts), np.split(reading.copy(), cuts), strict=True):
+        valid = np.isfinite(part_values[:, 0])
         drift = least_squares.polynomial(grid, drift_degree, grid[0], grid[-1])[valid]
-        own[valid] = least_squares.project_out(drift, own[valid])
-        quiet_parts.append(own)
+        part_values[valid] = least_squares.project_out(drift, part_values[valid])
+        quiet_parts.append(part_values)
     removed = len(quiet_parts) * (drift_degree + 1)
     models = [fit_noise([part[:, axis] for part in quiet_parts], noise_order, step, removed) for axis in range(3)]
     values |= {name: np.array([getattr(model, name) for model in models]) for name in ("reflection", "variance")}

@@ -1,9 +1,8 @@
-"""A manoeuvre as discovery sees it: motion, torques, noise, and what any signal does to its whitened rows.
+"""A manoeuvre as discovery sees it: motion, torques, noise, and the whitened rows of any signal.
 
 A signal is {channel: (samples, 3, q)}: linear m s-2 and angular rad s-2 at the accelerometer epochs, attitude rad at
-those of the star camera, magnetometer T once a second. The linear reading is that of a minute before to a minute after
-the manoeuvre, with one drift: what follows the current slowly bends at its ends, which no drift does, and would be
-taken for a drift within the manoeuvre.
+those of the star camera, magnetometer T once a second. The linear reading reaches a minute beyond the manoeuvre, with
+one drift: a slow response to the current bends at the ends, and within them would be taken for drift.
 """
 
 import functools
@@ -24,7 +23,7 @@ from gravcal.estimation.resampling import Resampler, lines_between, operator_for
 from gravcal.physics import dynamics, frames, orbit_environment
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
-#: Between epochs at which a step is looked for; beside a free drift one 1.5 s off loses a third of its gain.
+#: s, spacing of the epochs at which a step is looked for (one 1.5 s off loses a third of its gain), and from the ends.
 STEP_S, ENDS_S = 1.0, 6.0
 DRAG = np.array([6e-8, 0.0, 0.0])  # m s-2, of the environment that effects look at
 PADS_S = 60.0  # of linear reading on either side of a manoeuvre
@@ -36,7 +35,7 @@ class Measured:
     """Noise of a channel as measured."""
 
     models: list[list[noises.NoiseModel]]  #: of each manoeuvre and axis
-    error: np.ndarray  #: (m, 3) 1, relative, of the amplitude at each manoeuvre
+    error: np.ndarray  #: (m, 3) 1, relative standard deviation of the noise amplitude at each manoeuvre
 
 
 @dataclass(frozen=True)
@@ -49,10 +48,10 @@ class Manoeuvre:
     rows: np.ndarray  #: indices of these epochs in the aligned product
     operator: Resampler  #: low-pass and resampling of the accelerometer
     transition: np.ndarray  #: (k, 6, 6) of angle and rate from the origin, at the epochs of the window
-    local_attitude: np.ndarray  #: (k, 3, p) rad, start angle, rate, slow torque and edge shift
-    scale_attitude: np.ndarray  #: (k, 3, 3) rad, torque scale
-    shift: float  #: s, edges seen by the star camera
-    acc_shift: float  #: s, edges seen by the accelerometer
+    local_attitude: np.ndarray  #: (k, 3, p) rad per unit of start angle, rate, slow torque and edge shift
+    scale_attitude: np.ndarray  #: (k, 3, 3) rad per unit of the torque scale of each axis
+    shift: float  #: s, by which edges seen by the star camera are later than those of the arc
+    acc_shift: float  #: s, the same of edges seen by the accelerometer
     measured: dict[str, Measured]  #: {channel: noise of all manoeuvres}, may be completed later
     context: Context  #: Context at the accelerometer epochs
     wide: Context  #: Context at those of the linear reading, pads included; motion in these is that of a mean attitude
@@ -60,7 +59,7 @@ class Manoeuvre:
     wide_operator: Resampler  #: low-pass and resampling of the linear reading
     offset: np.ndarray  #: (3,) m, present estimate
     drift_degree: int  #: of the polynomial that stands for the drift of the linear reading, pads included
-    magnetometer: tuple  #: (time, difference, valid) at 1 Hz
+    magnetometer: tuple  #: time (m,) s, measured minus model field (m, 3) T and valid (m,) at 1 Hz
     orbit: tuple  #: (time, position_i) s, m, of the whole record
     memory: dict = field(default_factory=dict)  #: contexts at other epochs and signals, made once
 
@@ -97,7 +96,7 @@ class Manoeuvre:
         return 3 * sum(valid.size for valid in self.valid.values())
 
     def place(self, channel: str) -> slice:
-        """Place of the rows of one channel."""
+        """Slice of the rows of one channel among those of all."""
         sizes = [3 * valid.size for valid in self.valid.values()]
         first = sum(sizes[: CHANNELS.index(channel)])
         return slice(first, first + sizes[CHANNELS.index(channel)])
@@ -110,7 +109,7 @@ class Manoeuvre:
         return rows
 
     def whitened_channel(self, channel: str, values: np.ndarray) -> np.ndarray:
-        """Those rows (3 m, q) of one channel, from its values (samples, 3, q)."""
+        """Whitened rows (3 m, q) of one channel, from its values (samples, 3, q) before any low-pass."""
         if channel == "linear":
             values = self.wide_operator(values)
         elif channel == "angular":
@@ -118,7 +117,7 @@ class Manoeuvre:
         return noises.whitened(self.noise[channel], values, self.valid[channel])
 
     def widened(self, values: np.ndarray) -> np.ndarray:
-        """Linear reading (n, ...) at the epochs of the manoeuvre with pads in which it is zero."""
+        """Linear reading (n, ...) at the accelerometer epochs of the manoeuvre, with zeros in the pads."""
         out = np.zeros((self.wide.time.size, *values.shape[1:]))
         out[self.rows - self.wide_rows.start] = values
         return out
@@ -129,7 +128,7 @@ class Manoeuvre:
         return self.remembered(key, lambda one: _context(one.window, one.shift, one.context, one.orbit, time))
 
     def remembered(self, key: tuple, make) -> dict[str, np.ndarray]:
-        """Signal of this manoeuvre, made once."""
+        """Signal or Context that `make` gives for this manoeuvre, computed once and kept under a key."""
         if key not in self.memory:
             self.memory[key] = make(self)
         return self.memory[key]
@@ -144,18 +143,19 @@ def manoeuvres(aligned: xr.Dataset, field_: xr.Dataset, smoothed: xr.Dataset, of
     per_current = np.asarray(settings["dipole_per_current"])
     windows = motion.windows(aligned, field_, settings["inertia"], per_current, settings["dynamics"] == "full")
     settings = settings | {"largest_dipole": max((float(np.abs(w.arc.dipole_b).max()) for w in windows), default=0.0)}
-    made = [_manoeuvre((aligned, field_, smoothed), i, w, (offset, noise), settings) for i, w in enumerate(windows)]
-    return [one for one in made if one is not None]
+    views = [_manoeuvre((aligned, field_, smoothed), i, w, (offset, noise), settings) for i, w in enumerate(windows)]
+    return [view for view in views if view is not None]
 
 
 def _manoeuvre(products, index, window, estimates, settings):
+    """Manoeuvre of a Window; products (align, field, attitude), estimates (offset (3,) m, noise); None if too short."""
     aligned, field_, smoothed = products
-    smooth = np.flatnonzero(smoothed["acc_manoeuvre"].values == index)
+    own_samples = np.flatnonzero(smoothed["acc_manoeuvre"].values == index)
     shift = float(smoothed["sca_shift"].values[index])
-    if smooth.size < 200 or window.rod < 0 or not np.isfinite(shift):
+    if own_samples.size < 200 or window.rod < 0 or not np.isfinite(shift):
         return None
     acc_shift = float(np.nan_to_num(smoothed["acc_shift"].values[index], nan=shift))
-    time = smoothed["time_acc"].values[smooth]
+    time = smoothed["time_acc"].values[own_samples]
     rows = np.searchsorted(aligned["time_acc"].values, time)
     good = aligned["acc_flag"].values[rows] == 0
     good &= np.isfinite(aligned["linear_b"].values[rows]).all(axis=1)
@@ -170,54 +170,54 @@ def _manoeuvre(products, index, window, estimates, settings):
     tags = aligned["time_sca"].values[known]
     origin = np.clip(np.array([window.arc.origin]), tags[0], tags[-1])
     quaternion = frames.interpolate(tags, aligned["quaternion"].values[known], origin)[0]
-    state = dynamics.State(window.arc.origin, quaternion, smoothed["rate_b"].values[smooth[0]])
+    state = dynamics.State(window.arc.origin, quaternion, smoothed["rate_b"].values[own_samples[0]])
     degree, scale = settings["torque_degree"], np.nan_to_num(smoothed["torque_scale"].values[index], nan=1.0)
-    path = motion.torque_of(window.arc, motion.Solution(state, np.zeros((degree + 1, 3)), scale, shift))
+    torques = motion.torque_of(window.arc, motion.Solution(state, np.zeros((degree + 1, 3)), scale, shift))
     step = settings["integration_step_s"]
-    _, _, _, sensitivity = dynamics.integrate_with_sensitivity(window.time, state, path, max_step=step)
+    _, _, _, sensitivity = dynamics.integrate_with_sensitivity(window.time, state, torques, max_step=step)
     slow = motion.slow_torque_response(window.arc, window.time, sensitivity[:, :, :6], degree)
     local = np.concatenate([sensitivity[:, :3, :6], slow, sensitivity[:, :3, 9:10]], axis=2)
     # what effects look at; tags are taken as they are, for edges tell a delay to 0.1 s and the field would take that up
     orbit = aligned["time_orbit"].values, aligned["position_i"].values
-    bare = Context(
+    basic = Context(
         time=time,
-        rate_b=smoothed["rate_b"].values[smooth],
-        gradient_b=smoothed["gradient_b"].values[smooth],
+        rate_b=smoothed["rate_b"].values[own_samples],
+        gradient_b=smoothed["gradient_b"].values[own_samples],
         inertia_b=window.arc.inertia,
         start=aligned["start"].values,
         stop=aligned["stop"].values,
         extra={name: settings[name] for name in ("mass", "largest_dipole")},
     )
-    context = _context(window, acc_shift, bare, orbit, time)
+    context = _context(window, acc_shift, basic, orbit, time)
     torque = np.cross(context.dipole_b, context.field_b)
-    rate_dot = smoothed["smooth_b"].values[smooth] + np.linalg.solve(context.inertia_b, torque.T).T
+    rate_dot = smoothed["smooth_b"].values[own_samples] + np.linalg.solve(context.inertia_b, torque.T).T
     context = replace(context, rate_dot_b=rate_dot, angular_b=rate_dot)
     offset, noise = estimates
     sampled = at_one_hertz(field_, *window.arc.edges[[0, -1]])
-    about = sensitivity[:, :, :6], local, sensitivity[:, :3, 6:9], shift, acc_shift
+    partials = sensitivity[:, :, :6], local, sensitivity[:, :3, 6:9], shift, acc_shift
     start, stop = aligned["start"].values, aligned["stop"].values  # pads reach up to half way to the next manoeuvre
     begin = [first - PADS_S, *((stop[stop < first] + first) / 2), aligned["window_start"].values[index]]
     end = [last + PADS_S, *((start[start > last] + last) / 2), aligned["window_stop"].values[index]]
     pads = slice(*np.searchsorted(aligned["time_acc"].values, [max(begin), min(end)]))
     wide = _wide(aligned, field_, pads, rows, context, orbit)
     degree = round(settings["linear_drift_degree"] * np.ptp(wide.time) / (last - first))
-    read = (aligned["acc_flag"].values == 0) & np.isfinite(aligned["linear_b"].values).all(axis=1)
-    wide_operator = operator_for(wide.time, read[pads], wide.time[0], wide.time[-1], *filters)
+    usable = (aligned["acc_flag"].values == 0) & np.isfinite(aligned["linear_b"].values).all(axis=1)
+    wide_operator = operator_for(wide.time, usable[pads], wide.time[0], wide.time[-1], *filters)
     law = catalogue()["accelerometer.offset"]
     context, wide = (replace(one, linear_b=law.contribution(one, offset)) for one in (context, wide))
-    now = context, wide, pads, wide_operator, offset, degree, sampled, orbit
-    return Manoeuvre(index, window, time, rows, operator, *about, noise, *now)
+    present = context, wide, pads, wide_operator, offset, degree, sampled, orbit
+    return Manoeuvre(index, window, time, rows, operator, *partials, noise, *present)
 
 
 def _wide(aligned, field_, pads, rows, context, orbit):
-    """Context at the epochs of the linear reading; in the pads no torque turns the body, and no current flows."""
+    """Context at the epochs of the linear reading (slice `pads`): outside `rows` mean motion, no torque, no current."""
     time, inside = aligned["time_acc"].values[pads], rows - pads.start
     R_bi, field_b = _attitude_and_field(aligned, field_, time)
     parts = {"field_b": field_b}
     for name in ("rate_b", "gradient_b", "rate_dot_b", "angular_b", "dipole_b", "field_b"):
-        own = getattr(context, name)
-        rest = own.mean(axis=0) if name in ("rate_b", "gradient_b") else np.zeros(own.shape[1:])
-        parts.setdefault(name, np.broadcast_to(rest, (time.size, *own.shape[1:])).copy())[inside] = own
+        inner = getattr(context, name)
+        outer = inner.mean(axis=0) if name in ("rate_b", "gradient_b") else np.zeros(inner.shape[1:])
+        parts.setdefault(name, np.broadcast_to(outer, (time.size, *inner.shape[1:])).copy())[inside] = inner
     environment = orbit_environment.extras(time, *orbit, R_bi, context.extra["mass"], DRAG)
     return replace(context, time=time, **parts, extra=context.extra | environment)
 
@@ -240,22 +240,22 @@ def attitude_at(window: motion.Window, time: np.ndarray) -> np.ndarray:
 
 
 def field_at(arc: motion.Arc, time: np.ndarray, R_bi: np.ndarray) -> np.ndarray:
-    """Field in the body (n, 3) T."""
+    """Field in the body (n, 3) T at epochs (n,) s with attitude R_bi (n, 3, 3)."""
     return np.matvec(R_bi, lines_between(time, arc.field_time, arc.field_i))
 
 
 def _context(window, shift, base, orbit, time):
-    """Context at any epochs near a manoeuvre: motion of the accelerometer epochs, dipole and field at the epochs."""
+    """Context at epochs (n,) s near a manoeuvre: motion interpolated from the Context `base`, edges `shift` s later."""
     same = time.size == base.time.size and np.array_equal(time, base.time)
-    thin = lambda v: v if same else lines_between(time, base.time, v)  # noqa: E731
+    resampled = lambda v: v if same else lines_between(time, base.time, v)  # noqa: E731
     R_bi = attitude_at(window, time)
     environment = orbit_environment.extras(time, *orbit, R_bi, base.extra["mass"], DRAG)
     return replace(
         base,
         time=time,
-        rate_b=thin(base.rate_b),
-        rate_dot_b=None if base.rate_dot_b is None else thin(base.rate_dot_b),
-        gradient_b=thin(base.gradient_b.reshape(-1, 9)).reshape(-1, 3, 3),
+        rate_b=resampled(base.rate_b),
+        rate_dot_b=None if base.rate_dot_b is None else resampled(base.rate_dot_b),
+        gradient_b=resampled(base.gradient_b.reshape(-1, 9)).reshape(-1, 3, 3),
         dipole_b=motion.dipole_at(window.arc, time, shift),
         field_b=field_at(window.arc, time, R_bi),
         linear_b=None,
@@ -265,7 +265,7 @@ def _context(window, shift, base, orbit, time):
 
 
 def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings) -> Block:
-    """Observed rows, columns of the offset, and local columns of one manoeuvre."""
+    """Block of one manoeuvre: whitened residuals of the baseline, columns of the offset (per m), local columns."""
     linear, angular = aligned["linear_b"].values[one.wide_rows], aligned["angular_b"].values[one.rows]
     residual = np.zeros((one.window.time.size, 3))
     residual[one.window.good] = smoothed["sca_residual_b"].values[smoothed["sca_manoeuvre"].values == one.index]
@@ -289,48 +289,48 @@ def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings
     )
 
 
-def _steps(one):
-    """Unit steps of the linear reading, not within `ENDS_S` of its ends, {epoch s: whitened rows (n, 3)}."""
-    grid = one.operator.time
+def _steps(view):
+    """{epoch s: whitened rows (n, 3)} of unit steps of the linear reading, none within `ENDS_S` of its ends."""
+    grid = view.operator.time
     epochs = np.arange(grid[0] + ENDS_S, grid[-1] - ENDS_S, STEP_S)
-    shapes = one.wide_operator((one.wide.time[:, None, None] >= epochs).astype(float))[:, 0]
-    rows = np.zeros((one.size, epochs.size, 3))
-    white = noises.whitened(one.noise["linear"], on_axes(shapes), one.valid["linear"])
-    rows[one.place("linear")] = white.reshape(-1, epochs.size, 3)
+    shapes = view.wide_operator((view.wide.time[:, None, None] >= epochs).astype(float))[:, 0]
+    rows = np.zeros((view.size, epochs.size, 3))
+    rows_linear = noises.whitened(view.noise["linear"], on_axes(shapes), view.valid["linear"])
+    rows[view.place("linear")] = rows_linear.reshape(-1, epochs.size, 3)
     return {float(t): rows[:, k] for k, t in enumerate(epochs)}
 
 
-def _local(one, settings):
-    """Drift of each channel, start, slow torque and edges of the attitude, edges of the accelerometer."""
+def _local(view, settings):
+    """Signals of local parameters: drifts, start state, slow torque and edge shift, accelerometer samples at edges."""
     columns = []
     for channel, time, degree in (
-        ("linear", one.wide.time, one.drift_degree),
-        ("angular", one.time, settings["angular_drift_degree"]),
-        ("magnetometer", one.magnetometer[0], 0),
+        ("linear", view.wide.time, view.drift_degree),
+        ("angular", view.time, settings["angular_drift_degree"]),
+        ("magnetometer", view.magnetometer[0], 0),
     ):
         if time.size:
             shape = least_squares.polynomial(time, degree, time[0], max(time[-1], time[0] + 1))
             columns.append({channel: on_axes(shape)})
-    columns.append({"attitude": one.local_attitude})
-    rest = one.time, one.context.field_b, float(np.median(np.diff(one.time)))
-    ends = [motion.magnetic_acceleration(one.arc, one.acc_shift + d, *rest) for d in (-0.15, 0.15)]
+    columns.append({"attitude": view.local_attitude})
+    sampling = view.time, view.context.field_b, float(np.median(np.diff(view.time)))
+    early_late = [motion.magnetic_acceleration(view.arc, view.acc_shift + delay, *sampling) for delay in (-0.15, 0.15)]
     # Where between two samples an edge falls is known to neither model, and from one edge of the wave to the next a
     # momentary sample near it may change sides: a column each for the sample before an edge and the one after.
-    near = np.searchsorted(one.time, motion.large_edges(one.arc) + one.acc_shift)[:, None] + np.array([-1, 0])
-    near = np.clip(near, 0, one.time.size - 1).ravel()
-    jumps = np.zeros((one.time.size, 3, near.size))
-    jumps[near, :, np.arange(near.size)] = (ends[1] - ends[0])[near]
-    return [*columns, at_accelerometer(one, jumps)]
+    near = np.searchsorted(view.time, motion.large_edges(view.arc) + view.acc_shift)[:, None] + np.array([-1, 0])
+    near = np.clip(near, 0, view.time.size - 1).ravel()
+    jumps = np.zeros((view.time.size, 3, near.size))
+    jumps[near, :, np.arange(near.size)] = (early_late[1] - early_late[0])[near]
+    return [*columns, at_accelerometer(view, jumps)]
 
 
 def at_accelerometer(one: Manoeuvre, alpha: np.ndarray) -> dict[str, np.ndarray]:
-    """What angular accelerations (n, 3, q) rad s-2 do to the accelerometer, -alpha x offset in the linear reading."""
+    """Signal of angular accelerations (n, 3, q) rad s-2 in the accelerometer: -alpha x offset in the linear reading."""
     linear = -np.moveaxis(np.cross(np.moveaxis(alpha, 2, 1), one.offset), 1, 2)
     return {"linear": one.widened(linear), "angular": alpha}
 
 
 def of_torque(one: Manoeuvre, torque_of) -> dict[str, np.ndarray]:
-    """Signals of torques, Context -> (n, 3, q) N m: angular acceleration at the accelerometer, attitude."""
+    """Signal, in accelerometer and attitude, of a torque that is a function Context -> (n, 3, q) N m."""
     inverse = np.linalg.inv(one.arc.inertia)
 
     def alpha(context):
@@ -341,7 +341,7 @@ def of_torque(one: Manoeuvre, torque_of) -> dict[str, np.ndarray]:
 
 
 def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Reading that the model of a channel predicts, and whitened rows (n, q) of all channels in its unit.
+    """Epochs and reading that the model of a channel predicts, and whitened rows (n, q) converted to its unit.
 
     The linear and the angular reading are those after the low-pass of the solution; the attitude is the rotation from a
     satellite whose torquers are off. Time (m,) s, model (m, 3) m s-2, rad s-2, rad or T, columns (q, m, 3) likewise,
@@ -364,7 +364,7 @@ def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray,
 
 
 def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict[str, Measured], dict]:
-    """Noise and samples an axis of the channels whose noise quiet data show, {channel: ...} each."""
+    """{channel: Measured} and {channel: samples an axis} of all channels but the attitude, from quiet data."""
     time, spans = aligned["time_acc"].values, list(quiet_spans(aligned, settings))
     models, samples, count, mag = {}, {}, aligned.sizes["manoeuvre"], aligned["time_mag"].values
     between = (mag[1:] + mag[:-1]) / 2
@@ -394,40 +394,40 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
 
 
 def _measured(pieces, columns, orders, near, count):
-    """Noise at each of so many manoeuvres, from pieces beside columns (n_i, 3, q_i), and the manoeuvre near each."""
+    """Measured of `count` manoeuvres from pieces less columns (n_i, 3, q_i), each near (k,) one; orders: AR, step s."""
     if not pieces:
         return Measured([[]] * count, np.zeros((count, 3)))
-    clean, lost = noises.beside(pieces, columns), [one.shape[2] / 3 for one in columns]
-    models = noises.fit_detrended(pieces, clean, *orders)
-    levels = noises.levels(models, [clean(piece, index) for index, piece in enumerate(pieces)], lost, near, count)
+    detrended, lost = noises.beside(pieces, columns), [one.shape[2] / 3 for one in columns]
+    models = noises.fit_detrended(pieces, detrended, *orders)
+    levels = noises.levels(models, [detrended(piece, index) for index, piece in enumerate(pieces)], lost, near, count)
     louder = [[m.louder(f) for m, f in zip(models, row, strict=True)] for row in levels.value]
     return Measured(louder, levels.error)
 
 
 def _drifts(pieces, degree):
-    """Columns (n_i, 3, q) of a polynomial on each axis of pieces (n_i, 3)."""
+    """Columns (n_i, 3, 3 (degree + 1)) of a polynomial on each axis of pieces (n_i, 3)."""
     counts = [len(one) for one in pieces]
     return [on_axes(least_squares.polynomial(np.arange(count), degree, 0, count)) for count in counts]
 
 
 def attitude_noise(smoothed: xr.Dataset, views: list[Manoeuvre], wider: list[np.ndarray], order: int):
-    """Star camera from the residuals of a fit that is wider than the baseline: with every torque that is tried.
+    """Measured noise of the star camera, from residuals of a fit of the baseline and every torque that is tried.
 
     Control torques hide the noise outside the manoeuvres. Unexplained attitude signal widens the model, which costs
-    power and never names anything. Wider are (k, 3, q) rad a manoeuvre, attitude after every torque that is tried.
+    power and never names anything. Wider are (k, 3, q) rad of each manoeuvre, the attitude response to these torques.
     """
     manoeuvre, segments, columns = smoothed["sca_manoeuvre"].values, [], []
-    for one, more in zip(views, wider, strict=True):
+    for one, of_torques in zip(views, wider, strict=True):
         residual = np.full((one.window.time.size, 3), np.nan)
         residual[one.window.good] = smoothed["sca_residual_b"].values[manoeuvre == one.index]
         segments.append(residual)
-        columns.append(np.concatenate([one.local_attitude, one.scale_attitude, more], axis=2))
+        columns.append(np.concatenate([one.local_attitude, one.scale_attitude, of_torques], axis=2))
     index = np.array([one.index for one in views])
     return _measured(segments, columns, (order, 1.0), index, 1 + index.max())
 
 
 def at_one_hertz(field_: xr.Dataset, begin: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time (n,) s, difference (n, 3) T and valid (n,) of every second sample: the field is written twice a second."""
+    """Time (n,) s, measured minus model field (n, 3) T, valid (n,) at 1 Hz: each value is written twice a second."""
     time = field_["time_mag"].values
     inside = np.flatnonzero((time > begin) & (time < end))
     measured = field_["measured_b"].values[inside]

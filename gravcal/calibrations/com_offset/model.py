@@ -10,14 +10,14 @@ from gravcal.estimation import least_squares
 from gravcal.estimation.resampling import lines_between, operator_for
 from gravcal.physics import earth, frames, kinematics, magnetic, sensing
 
-HALF_WIDTH = 2  # star-camera samples either side of the parabola whose slope is the rate
-DRIFT_DEGREE = 2  # of the roll rate, for the torques that are not of the torquers
+HALF_WIDTH = 2  # star-camera samples on either side of an epoch, of the parabola whose slope is the rate
+DRIFT_DEGREE = 2  # of the polynomial in the roll rate that stands for all torques but those of the torquers
 VARIANTS = ("mtq", "acc_calibrated", "acc", "sca")
 ORBITAL_PERIOD_S = 97.13 * 60.0  # Sec. 3.4 of the CoM paper; erratum C-7
 
 
 def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
-    """Geomagnetic field along the orbit and the magnetometer's difference to it in the body, of an "align"."""
+    """Product "com_offset.field" of an "align": IGRF along the orbit, and magnetometer minus IGRF in the body."""
     good = aligned["orbit_flag"].values == 0
     time = aligned["time_orbit"].values[good]
     position_e = aligned["position_e"].values[good]
@@ -47,7 +47,7 @@ def field(aligned: xr.Dataset, *, igrf_generation: int) -> xr.Dataset:
 
 
 def _at_magnetometer(aligned, time, field_i):
-    """Model in the body at the magnetometer epochs, NaN where attitude or orbit is missing."""
+    """Usable (m,) bool, and IGRF in the body (m, 3) T at the magnetometer epochs, NaN without attitude or orbit."""
     mag_time = aligned["time_mag"].values
     sca_time, quaternion = aligned["time_sca"].values, aligned["quaternion"].values
     known = np.isfinite(quaternion).all(axis=1)
@@ -55,9 +55,9 @@ def _at_magnetometer(aligned, time, field_i):
     if known.sum() < 2 or time.size < 2:
         return np.zeros(mag_time.size, dtype=bool), model_b
     covered = between(mag_time, sca_time[known], 2.0) & between(mag_time, time, 2.0)
-    at = mag_time[covered]
-    body = frames.interpolate(sca_time[known], quaternion[known], at)
-    model_b[covered] = np.matvec(frames.R_bi_from_quaternion(body), lines_between(at, time, field_i))
+    epochs = mag_time[covered]
+    attitude = frames.interpolate(sca_time[known], quaternion[known], epochs)
+    model_b[covered] = np.matvec(frames.R_bi_from_quaternion(attitude), lines_between(epochs, time, field_i))
     measured = aligned["field_measured_b"].values
     return covered & (aligned["mag_flag"].values == 0) & np.isfinite(measured).all(axis=1), model_b
 
@@ -83,7 +83,7 @@ def survey(aligned: xr.Dataset, checked: xr.Dataset) -> xr.Dataset:
 
 
 def _series(aligned, checked):
-    """Epochs s, roll rate rad s-1 and (current x field)_x integrated once mA T s, both through the same operator."""
+    """Epochs (n,) s, roll rate (n,) rad s-1, and time integral of (current x field)_x (n,) mA T s by one operator."""
     start = float(aligned["window_start"][0])
     stop = min(start + SURVEY_S, float(aligned["window_stop"][0]), float(aligned["time_mag"].values[-1]))
     time, quaternion = aligned["time_sca"].values, aligned["quaternion"].values
@@ -94,9 +94,9 @@ def _series(aligned, checked):
     rate, _ = kinematics.rates_from_attitude(time, quaternion[used], half_width=HALF_WIDTH, degree=2)
     mag_time = aligned["time_mag"].values
     torque = np.cross(np.nan_to_num(aligned["current_b"].values), np.nan_to_num(checked["measured_b"].values))[:, 0]
-    fine = np.arange(time[0], time[-1] + 0.01, 0.01)
-    held = torque[np.searchsorted((mag_time[1:] + mag_time[:-1]) / 2, fine)]  # round each sample
-    angle = np.interp(time, fine, np.cumsum(np.cumsum(held)) * 1e-4)
+    fine_time = np.arange(time[0], time[-1] + 0.01, 0.01)
+    held_torque = torque[np.searchsorted((mag_time[1:] + mag_time[:-1]) / 2, fine_time)]  # round each sample
+    angle = np.interp(time, fine_time, np.cumsum(np.cumsum(held_torque)) * 1e-4)
     offset = np.arange(-HALF_WIDTH, HALF_WIDTH + 1)
     slope = np.linalg.pinv(np.vander(offset, 3, increasing=True))[1]
     inner = slice(HALF_WIDTH, -HALF_WIDTH)
@@ -104,17 +104,17 @@ def _series(aligned, checked):
 
 
 def _slope(rate, impulse):
-    """Slope and its error, drift estimated along; NaN where torque or time are too little."""
+    """Slope of rate (n,) on impulse (n,) and its sigma, quadratic drift projected out; NaN if they are too few."""
     if rate.size < 20 or np.std(impulse) == 0:
         return np.nan, np.nan
     drift = np.polynomial.legendre.legvander(np.linspace(-1, 1, rate.size), DRIFT_DEGREE)
     observed, column = (least_squares.project_out(drift, series) for series in (rate, impulse))
-    square = float(column @ column)
-    value = float(column @ observed) / square
+    normal = float(column @ column)
+    value = float(column @ observed) / normal
     residual = observed - value * column
-    sigma = np.sqrt(residual @ residual / (residual.size - DRIFT_DEGREE - 2) / square)
-    lag = float(np.clip(np.corrcoef(residual[1:], residual[:-1])[0, 1], 0.0, 0.95))
-    return value, float(sigma * np.sqrt((1 + lag) / (1 - lag)))
+    sigma = np.sqrt(residual @ residual / (residual.size - DRIFT_DEGREE - 2) / normal)
+    correlation = float(np.clip(np.corrcoef(residual[1:], residual[:-1])[0, 1], 0.0, 0.95))
+    return value, float(sigma * np.sqrt((1 + correlation) / (1 - correlation)))
 
 
 def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) -> xr.Dataset:
@@ -127,14 +127,14 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
     variant, torquer = settings["variant"], smoothed["rate_dot_mtq_b"].values
     time, manoeuvre = smoothed["time_acc"].values, smoothed["acc_manoeuvre"].values
     measured = aligned["angular_b"].values[np.searchsorted(aligned["time_acc"].values, time)].copy()
-    for one in np.unique(manoeuvre):  # a bias only adds a constant
-        measured[manoeuvre == one] -= np.nanmean(measured[manoeuvre == one], axis=0)
+    for number in np.unique(manoeuvre):  # a bias only adds a constant
+        measured[manoeuvre == number] -= np.nanmean(measured[manoeuvre == number], axis=0)
     if settings["method"] == "published":  # without errors
         value = {"mtq": torquer, "acc": np.nan_to_num(measured)}.get(variant)
         if variant == "acc_calibrated":
             value = np.zeros_like(measured)
-            for one in np.unique(manoeuvre):
-                rows = manoeuvre == one
+            for number in np.unique(manoeuvre):
+                rows = manoeuvre == number
                 value[rows] = published_calibrated(np.nan_to_num(measured[rows]), torquer[rows], time[rows])
         elif variant == "sca":  # central differences of the attitude, eq. 15, interpolated
             known = np.isfinite(aligned["quaternion"].values).all(axis=1)
@@ -164,7 +164,7 @@ def angular_acceleration(smoothed: xr.Dataset, aligned: xr.Dataset, **settings) 
 
 
 def _with_modes(smoothed, measured, scale, sigma, settings):
-    """Angular acceleration, its modes, how many of them are shared and how many of those the catalogue's."""
+    """Angular acceleration (n, 3) rad s-2 of a variant, modes (m, n, 3), numbers of shared and of catalogue modes."""
     variant = settings["variant"]
     inertia, inertia_sigma = (np.diag(np.asarray(settings[name])) for name in ("inertia", "inertia_sigma"))
     dipole = np.asarray(settings["dipole_per_current_sigma"]) / np.asarray(settings["dipole_per_current"])
@@ -180,12 +180,12 @@ def _with_modes(smoothed, measured, scale, sigma, settings):
 
 
 def _axis_modes(series, sigma):
-    """Scale error of each axis as a mode (3, n, 3)."""
+    """Modes (3, n, 3): change of a series (n, 3) by one sigma (3,) of the scale of each axis."""
     return np.einsum("a,na,ab->anb", np.where(np.isfinite(sigma), sigma, 0.0), np.nan_to_num(series), np.eye(3))
 
 
 def _ratio(variant, scale, smoothed):
-    """Size of the torquer's wave in this angular acceleration over the catalogue's, one number an axis."""
+    """Ratio (3,) of the torquers' square wave in the angular acceleration of a variant to that of the catalogue."""
     if variant == "acc":
         return 1 / scale
     if variant != "sca":
@@ -198,7 +198,7 @@ def _ratio(variant, scale, smoothed):
 
 
 def _angular_scale(smoothed):
-    """Torquer over angular accelerometer per axis (CoM paper eq. 31), from all manoeuvres; one where none turns it.
+    """Scale (3,) torquer over angular accelerometer (CoM paper eq. 31) and sigma; 1 and inf where none turns it.
 
     The noise-free torquer stands on the right-hand side, so the slope carries no attenuation (erratum C-7).
     """
@@ -212,7 +212,7 @@ def _angular_scale(smoothed):
 
 
 def equations(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Dataset, **settings) -> xr.Dataset:
-    """Resampled reading, columns, instruments and modes of every manoeuvre, for one angular acceleration.
+    """Product "com_offset.equations": resampled reading, columns, instruments and modes for one angular acceleration.
 
     CoM paper eqs. 3-5; erratum C-12 for the operator, one for reading and columns. The columns are linear in the
     angular acceleration, so that this is resampled, not its nine columns. A manoeuvre with too few samples has no
@@ -241,7 +241,7 @@ def arrays(product: xr.Dataset) -> dict[str, np.ndarray]:
 
 
 def where(aligned) -> dict[str, np.ndarray]:
-    """Kind, times (s) and latitude (rad) of every manoeuvre."""
+    """{"kind", "start" s, "stop" s, "latitude" rad at the middle}, (k,) each, of the manoeuvres of an "align"."""
     start, stop = aligned["start"], aligned["stop"]
     position, time = aligned["position_e"], aligned["time_orbit"]
     sine = position[:, 2] / np.linalg.norm(position, axis=1)
@@ -250,20 +250,20 @@ def where(aligned) -> dict[str, np.ndarray]:
 
 
 def samples(smoothed, index):
-    """Samples of a manoeuvre in "com_offset.attitude"; None with too few."""
+    """Indices (n,) of the accelerometer samples of a manoeuvre in "com_offset.attitude"; None with too few."""
     inside = np.flatnonzero(smoothed["acc_manoeuvre"] == index)
     return inside if inside.size >= 200 else None
 
 
 def reading(aligned, time) -> tuple[np.ndarray, np.ndarray]:
-    """Linear acceleration (n, 3) m s-2 at epochs of the record, and which of them are not usable (n,)."""
+    """Linear acceleration (n, 3) m s-2 at epochs (n,) s of the record, and True (n,) where it is not usable."""
     at = np.searchsorted(aligned["time_acc"], time)
     linear = aligned["linear_b"][at]
     return linear, (aligned["acc_flag"][at] != 0) | ~np.isfinite(linear).all(axis=1)
 
 
 def _block(aligned, smoothed, angular, index, driven, settings):
-    """Resampled reading, columns and angular accelerations of one manoeuvre; None without samples."""
+    """{"epoch", "valid", "reading", "still", "rate_dot_b"} of one manoeuvre, resampled; None with too few samples."""
     inside = samples(smoothed, index)
     if inside is None:
         return None
@@ -272,15 +272,15 @@ def _block(aligned, smoothed, angular, index, driven, settings):
     value, modes = angular["rate_dot_b"][inside], angular["mode"][:, inside]
     good = ~marked & np.isfinite(value).all(axis=1)
     last = int(np.isfinite(aligned["edge_lower"][index]).sum()) - 1
-    late = np.nan_to_num(smoothed["acc_shift"][index])  # edges as the accelerometer sees them
-    start = max(aligned["edge_upper"][index, 0] + max(late, 0.0), time[0])
-    stop = min(aligned["edge_lower"][index, last] + min(late, 0.0), time[-1])
+    edge_shift = np.nan_to_num(smoothed["acc_shift"][index])  # edges as the accelerometer sees them
+    start = max(aligned["edge_upper"][index, 0] + max(edge_shift, 0.0), time[0])
+    stop = min(aligned["edge_lower"][index, last] + min(edge_shift, 0.0), time[-1])
     operator = operator_for(time, good, start, stop, *(settings[n] for n in ("lowpass_hz", "half_width_s", "step_s")))
     if operator.valid.sum() < 60:
         return None
     noise_free = [smoothed["smooth_b"][inside] + angular["ratio"] * smoothed["magnetic_b"][inside]] if driven else []
-    series = np.stack([linear - linear[good].mean(axis=0), value, *noise_free, *modes], axis=1)
-    resampled = np.moveaxis(operator(np.nan_to_num(series)), 1, 0)
+    stacked = np.stack([linear - linear[good].mean(axis=0), value, *noise_free, *modes], axis=1)
+    resampled = np.moveaxis(operator(np.nan_to_num(stacked)), 1, 0)
     still = operator(-sensing.offset_tensor(smoothed["rate_b"][inside], np.zeros(3), smoothed["gradient_b"][inside]))
     block = {"epoch": operator.time, "valid": operator.valid, "reading": resampled[0]}
     return block | {"still": still, "rate_dot_b": resampled[1:]}
@@ -290,7 +290,7 @@ def _block(aligned, smoothed, angular, index, driven, settings):
 
 
 def published_calibrated(measured: np.ndarray, torquer: np.ndarray, time: np.ndarray) -> np.ndarray:
-    """Angular accelerometer (n, 3) adjusted to the torquer axis by axis with orbital Fourier terms, eqs. 31-33."""
+    """Angular accelerometer (n, 3) rad s-2 scaled to the torquers per axis, with orbital Fourier terms, eqs. 31-33."""
     phase = 2 * np.pi * (time - time[0]) / ORBITAL_PERIOD_S
     slow = [np.ones_like(phase), np.sin(phase), np.sin(2 * phase), np.cos(phase), np.cos(2 * phase)]
     adjusted = np.empty_like(measured)

@@ -20,16 +20,16 @@ from gravcal.estimation.noise import fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, Reported
 from gravcal.physics.orbit_environment import sun_i
 
-#: Of tags that are minutes off: channel and cause of each instrument.
+#: {instrument: (channel, cause)} of tags that are minutes off.
 FAR = {"acc": ("angular", "timing.accelerometer_delay"), "sca": ("attitude", "timing.star_camera_delay")}
 FAR |= {"mag": ("magnetometer", "timing.magnetometer_delay")}
-LARGE = 400.0  # chi-square of an effect whose second order may be seen
+LARGE = 400.0  # gain in chi-square of an effect whose second order may be seen
 
 
 def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | LateTags | None":
-    """Observations of an event from "align", "field", "attitude" and "solve" with variant mtq.
+    """Observations of an event from products "align", "field", "attitude" and "solve" of mtq; None without manoeuvre.
 
-    None without manoeuvre. Where instruments agree and attitudes are off the orbit, the orbit is of another time.
+    Where instruments agree with each other and attitudes are off the orbit, the tags of the orbit are wrong.
 
     Settings are those of the stages attitude, noise and solve, with inertia, dipole_per_current and mass; for the
     blocks also linear_drift_degree and angular_drift_degree, and for `common` drag_sigma_m_s2 and period_s.
@@ -59,7 +59,7 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | Late
 
 
 def _late_orbit(aligned):
-    """Observations of an event whose orbit is of another time, by less than it could be moved back by; None else."""
+    """LateTags of an event whose attitudes are off the orbit by more than `OFF_S`: its tags are wrong; else None."""
     known = np.isfinite(aligned["quaternion"].values).all(axis=1)
     every = max(known.sum() // 1000, 1)
     time, quaternion = (aligned[name].values[known][::every] for name in ("time_sca", "quaternion"))
@@ -69,16 +69,16 @@ def _late_orbit(aligned):
         return None
     state = np.concatenate([aligned[name].values for name in ("position_i", "velocity_i")], axis=1)
     angle, rate = off_orbit(time[inside], quaternion[inside], orbit, state)
-    apart = float(np.median(angle / rate))
-    if not abs(apart) > OFF_S:
+    late = float(np.median(angle / rate))
+    if not abs(late) > OFF_S:
         return None
-    delay, about = Parameter(-apart, POINTING_S, "s"), (ComOffset.name, "", ComOffset.parameters, ComOffset.unit)
+    delay, about = Parameter(-late, POINTING_S, "s"), (ComOffset.name, "", ComOffset.parameters, ComOffset.unit)
     return of_late_orbit(aligned, time[inside], angle, -rate, delay, "attitude", *about)
 
 
 @dataclass(frozen=True)
 class ComOffset(Observations):
-    """Observations; noise, blocks and candidates are made when they are asked for."""
+    """Observations of one event; noise, blocks and candidates are computed when first used."""
 
     aligned: xr.Dataset  #: "com_offset.align"
     checked: xr.Dataset  #: "com_offset.field"
@@ -91,10 +91,10 @@ class ComOffset(Observations):
     noise_order: Mapping[str, int] = field()
     #: all harmonics of the square wave of the torquers; those of the orbit are below all lines of a manoeuvre
     periods: Mapping[float, int] = field()
-    #: delays s that edges look like which fall alike between two samples of the accelerometer in all events
+    #: {slug: s} delay that edges imitate if they fall alike between two samples of the accelerometer in all events
     shared: Mapping[str, float] = field()
-    #: offset m that a force looks like which stays while the body swings, as in "com_offset.combine": a free force in
-    #: each manoeuvre would leave an offset to be told by the harmonics of the wave alone
+    #: m, offset imitated by a force that stays while the body swings, as in "com_offset.combine": were the force free
+    #: in each manoeuvre, only the harmonics of the wave would determine the offset
     common: float = field()
 
     name = "com_offset"
@@ -107,7 +107,7 @@ class ComOffset(Observations):
 
     @functools.cached_property
     def quiet(self) -> dict[str, float]:
-        """Quiet samples an axis that the noise of each channel was measured from; measures it unless it is given."""
+        """{channel: quiet samples an axis} of the noise, which is measured into `noise` here; {} if it is known."""
         if self.noise:
             return {}
         models, samples = manoeuvre.quiet_noise(self.aligned, self.checked, self.settings)
@@ -124,29 +124,29 @@ class ComOffset(Observations):
     def blocks(self) -> list[Block]:
         """One block a manoeuvre, and one of the edge times."""
         _ = self.quiet  # the noise that whitens
-        made = [manoeuvre.block_of(one, self.aligned, self.smoothed, self.settings) for one in self.views]
-        return [*made, responses.edge_block(self.smoothed)]
+        of_manoeuvres = [manoeuvre.block_of(one, self.aligned, self.smoothed, self.settings) for one in self.views]
+        return [*of_manoeuvres, responses.edge_block(self.smoothed)]
 
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
-        """Effects of the catalogue, then regressors made of the measured channels."""
+        """Effects of the catalogue, then unlisted drivers made of the measured channels."""
         _ = self.quiet
         return responses.candidates(self.views, self.smoothed, self.aligned["start"].values)
 
     @property
     def circumstances(self) -> dict[str, float]:
-        """Angle deg of the Sun above the orbit, and mean distance deg of the manoeuvres from the equator."""
-        time, position = self.views[0].orbit
+        """{"beta_deg": elevation of the Sun above the orbital plane, "latitude_deg": mean absolute latitude}."""
+        time, orbit = self.views[0].orbit
         at = np.array([np.mean(one.time) for one in self.views])
-        place, later = (np.stack([np.interp(at + dt, time, c) for c in position.T], axis=1) for dt in (0.0, 60.0))
-        normal, radius = np.cross(place, later), np.linalg.norm(place, axis=1)
+        position, later = (np.stack([np.interp(at + dt, time, c) for c in orbit.T], axis=1) for dt in (0.0, 60.0))
+        normal, radius = np.cross(position, later), np.linalg.norm(position, axis=1)
         normal = normal / np.linalg.norm(normal, axis=1, keepdims=True)
         beta = np.degrees(np.arcsin(np.sum(normal * sun_i(at), axis=1)))
-        latitude = np.degrees(np.arcsin(np.abs(place[:, 2]) / radius))
+        latitude = np.degrees(np.arcsin(np.abs(position[:, 2]) / radius))
         return {"beta_deg": float(np.mean(beta)), "latitude_deg": float(np.mean(latitude))}
 
     def response(self, entry: Entry) -> list[np.ndarray]:
-        """Whitened rows of each manoeuvre and of the edge times."""
+        """Whitened rows (n,) that an entry of a model adds in each manoeuvre and in the edge times."""
         _, rows = self.quiet, []
         for one in self.views:
             added = responses.contribution(one, entry)
@@ -162,11 +162,11 @@ class ComOffset(Observations):
         return [*rows, column[:, 0] * effect(entry.cause).values(entry.values)[0]]
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
-        """Aligned records without the effects of a model."""
+        """Product "align" less what the effects of a model add to it."""
         return responses.without(self.aligned, self.views, model)
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Time s, reading of the model and whitened rows in its unit."""
+        """Time (m,) s, reading (m, 3) of the model, and whitened rows (n, q) in its unit as (q, m, 3)."""
         return manoeuvre.reading(self.views[number], channel, rows)
 
     def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:
@@ -177,7 +177,7 @@ class ComOffset(Observations):
         return gain > LARGE or cause.startswith("timing.") or not adequate
 
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:
-        """Lines as amplitude and waves, saturation as its limit, shapes with their errors."""
+        """Entry in physical parameters: amplitude and waves of a line, limit of saturation, leads of a step or lag."""
         if "frequency" in entry.parameters and entry.cause in self.tones.values():
             waves = responses.waves(entry, self.views, self.blocks)
             return replace(entry, parameters=responses.amplitudes(entry, self.views), waves=waves)
@@ -197,66 +197,66 @@ class ComOffset(Observations):
 
 @dataclass(frozen=True)
 class Late(LateTags):
-    """Angular accelerations of records whose tags are minutes off; the rest is looked for once these are moved."""
+    """Angular accelerations of records with tags minutes off; other causes are searched once the tags are moved."""
 
     step, whole_manoeuvres = responses.STEP, True
 
     def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
-        """True if any tags were moved."""
+        """True if any tags were moved: the search is then repeated."""
         return bool(gains)
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
-        """Aligned records with their tags moved back."""
+        """Product "align" with its tags moved back by the delays."""
         return responses.tags_moved(self.records, model)
 
 
 def _late(aligned, late, order):
-    """Observations of records with tags that are late by so many seconds, {instrument: s} of `checks.late`.
+    """Observations of records whose tags are late by {instrument: s}, as of `checks.late`; order is that of the noise.
 
-    Rows of each instrument and axis in each manoeuvre: the reading less what the torquers do at its tags; what each
-    second of lag adds; locally torques about all three axes within a second of the time that the lag says, mean and
-    drift, whose sizes are free. Blocks reach over each manoeuvre and where the late tags have it.
+    Rows of each instrument and axis in each manoeuvre: angular acceleration minus that of the torquers at its tags; a
+    global column, the change per second of lag; local columns, the torques about all three axes at the lag and a second
+    off, mean and drift. A block covers a manoeuvre, both where it is and where the late tags put it.
     """
     lags = dict.fromkeys(("acc", "sca"), -late["mag"]) if "mag" in late else late
     first, far = aligned["window_start"].values.min(), [0, *lags.values()]
     ends = aligned["start"].values + min(far) - first, aligned["stop"].values + max(far) - first
-    most = int(aligned["window_stop"].values.max() - first)
-    places = [np.arange(max(int(start), 0), min(int(stop), most)) for start, stop in zip(*ends, strict=True)]
-    _, made = checks.angular_accelerations(aligned)
-    made = {name: one - np.nanmean(one, axis=0) for name, one in made.items()}
+    length = int(aligned["window_stop"].values.max() - first)
+    places = [np.arange(max(int(start), 0), min(int(stop), length)) for start, stop in zip(*ends, strict=True)]
+    _, accelerations = checks.angular_accelerations(aligned)
+    accelerations = {name: one - np.nanmean(one, axis=0) for name, one in accelerations.items()}
     whitened = [[] for _ in places]
     for name, lag_s in lags.items():
-        then = np.roll(made["mag"], lag_s, axis=0)
-        near = np.concatenate([np.roll(then, step, axis=0) for step in (-1, 0, 1)], axis=1)
+        lagged = np.roll(accelerations["mag"], lag_s, axis=0)
+        around = np.concatenate([np.roll(lagged, step, axis=0) for step in (-1, 0, 1)], axis=1)
         for axis in range(3):
-            read, now = made[name][:, axis], made["mag"][:, axis]
-            good = np.isfinite(np.column_stack([read, now, near])).all(axis=1)
-            size = then[good, axis] @ read[good] / max(then[good, axis] @ then[good, axis], 1e-300)
-            whole = np.column_stack([read - size * now, size * (then[:, axis] - now) / lag_s, near])
-            each = [np.column_stack([whole[p], polynomial(p, 1, p[0], p[-1])]) for p in places]
-            left = [np.full(p.size, np.nan) for p in places]
-            for one, rest, place in zip(each, left, places, strict=True):
+            read, tagged = accelerations[name][:, axis], accelerations["mag"][:, axis]
+            good = np.isfinite(np.column_stack([read, tagged, around])).all(axis=1)
+            size = lagged[good, axis] @ read[good] / max(lagged[good, axis] @ lagged[good, axis], 1e-300)
+            rows_all = np.column_stack([read - size * tagged, size * (lagged[:, axis] - tagged) / lag_s, around])
+            by_place = [np.column_stack([rows_all[p], polynomial(p, 1, p[0], p[-1])]) for p in places]
+            residuals = [np.full(p.size, np.nan) for p in places]
+            for one, rest, place in zip(by_place, residuals, places, strict=True):
                 rest[good[place]] = project_out(one[good[place], 2:], one[good[place], 0] - lag_s * one[good[place], 1])
-            noise = fit_noise(left, order, 1.0, 11 * len(left))
-            for mine, one, place in zip(whitened, each, places, strict=True):
+            noise = fit_noise(residuals, order, 1.0, 11 * len(residuals))
+            for mine, one, place in zip(whitened, by_place, places, strict=True):
                 mine.append(whiten(noise, np.nan_to_num(one), good[place]))
     channels, blocks, columns = [FAR[name][0] for name in lags], [], {FAR[name][1]: [] for name in late}
     for number, (place, rows) in enumerate(zip(places, whitened, strict=True), 1):
-        whole, local = np.concatenate(rows), block_diag(*(one[:, 2:] for one in rows))
+        rows_all, local = np.concatenate(rows), block_diag(*(one[:, 2:] for one in rows))
         about = np.repeat(channels, 3 * place.size), np.tile(np.repeat([0, 1, 2], place.size), len(lags))
         about = *about, np.tile(np.floor(first) + place, len(rows))
-        shared = np.zeros((len(whole), 3))  # the offset, of which these rows know nothing
-        blocks.append(Block.of(f"manoeuvre {number}", whole[:, 0], *about, shared=shared, local=local))
+        shared = np.zeros((len(rows_all), 3))  # the offset, of which these rows know nothing
+        blocks.append(Block.of(f"manoeuvre {number}", rows_all[:, 0], *about, shared=shared, local=local))
         for name in late:
             share = [-1.0 if name == "mag" else float(name == one) for one in lags]
-            columns[FAR[name][1]].append((np.repeat(share, 3 * place.size) * whole[:, 1])[:, None])
+            columns[FAR[name][1]].append((np.repeat(share, 3 * place.size) * rows_all[:, 1])[:, None])
     delays = {FAR[name][1]: Parameter(float(seconds), WHOLE_S, "s") for name, seconds in late.items()}
     about = ComOffset.name, "", ComOffset.parameters, ComOffset.unit, ComOffset.scale, np.zeros(3)
     return Late(aligned, blocks, columns, delays, tuple(channels), *about)
 
 
 def _result(combined: xr.Dataset, variant: str | None = None) -> tuple[str, np.ndarray, np.ndarray]:
-    """Variant (the adopted one), its offset (3,) um and covariance (3, 3) um2 of "com_offset.combine"."""
+    """Variant (by default the adopted one), its offset (3,) um and covariance (3, 3) um2 from "com_offset.combine"."""
     names = combined.attrs["variants"].split()
     index = names.index(variant or adopted(combined) or names[0])
     return names[index], 1e6 * combined["offset"].values[index], 1e12 * combined["covariance"].values[index]

@@ -19,18 +19,18 @@ from gravcal.report.plain import AXES, chi_square, gps_text, number, numbers, pl
 
 WORDS = pages.words(__file__, "page.toml")
 STYLES = WORDS.styles
-VARIANTS = STYLES["variants"]  # the four angular accelerations, told apart by colour, by line and by point
+VARIANTS = STYLES["variants"]  # colour, line and marker of each of the four angular accelerations
 FROM_EDGE = "time from the first edge (s)"
-PERIOD_S = 12.0
-SPREAD = 0.24  # of the angular accelerations about the place of their manoeuvre
+PERIOD_S = 12.0  # of the square wave of the torquers
+SPREAD = 0.24  # of the points of the variants about the place of their manoeuvre, which are 1 apart
 STEP_S = 0.5  # of the grid of a solution
 #: Products of the stage `report` in their order, around four "solve" and four "angular_acceleration".
 SHOWN = ("offset", "sigma", "sigma_total")
 SINGLE = ("combine", "attitude", "field", "survey", "detect", "align", "checks")
 KINDS = ("roll", "pitch", "yaw")
-WAVE_HZ = 1 / 12
-SCALE_SHARE = 0.5  # of its prior: a torque scale known no better says nothing of its own
-ANGULAR_LIMIT = 0.2
+WAVE_HZ = 1 / 12  # at which the document states the noise
+SCALE_SHARE = 0.5  # of its prior sigma: a torque scale with a larger error only repeats the prior
+ANGULAR_LIMIT = 0.2  # standard deviation of an angular scale from which on it is not determined
 PRODUCTS = {"acc": "ACC1A", "sca": "SCA1B"}
 EPOCH = "middle of each manoeuvre"  # of an offset that moves
 GAPS = {"orbit": 1, "star camera": 2}  # bits of a gap too long to use a manoeuvre
@@ -46,13 +46,13 @@ def report(*products, event, satellite, settings, published):
     named = dict(zip(SINGLE, (products[0], *products[9:]), strict=True))
     named |= {f"solve.{one.attrs['variant']}": one for one in products[1:5]}
     named |= {f"angular_acceleration.{one.attrs['variant']}": one for one in products[5:9]}
-    body = result(named, settings)
+    content = result(named, settings)
     checks = of_product(named["checks"])
-    if "consistency" in body:
-        checks += result_checks(named["combine"], body["consistency"], settings)
-    document = documents.delivered("com_offset", body, named, checks, event=event, settings=settings)
+    if "consistency" in content:
+        checks += result_checks(named["combine"], content["consistency"], settings)
+    document = documents.delivered("com_offset", content, named, checks, event=event, settings=settings)
     line = vcm_line(document, satellite)
-    records = {section: [SimpleNamespace(**one) for one in own] for section, own in published.items()}
+    records = {section: [SimpleNamespace(**one) for one in rows] for section, rows in published.items()}
     files = {"result.json": documents.text(document)} | ({"result.vcm": line + "\n"} if line else {})
     files["report.html"] = html(document, named, records, line)
     name = document.get("adopted", {}).get("variant")
@@ -77,7 +77,7 @@ def html(document, products, published, vcm=None):
 
 
 def sections(document, published):
-    """Sections of an event; of a record without manoeuvre what could be measured all the same."""
+    """Sections of the page of an event; without manoeuvre only field, attitude and roll response."""
     if "variants" not in document:
         return [
             Section("Magnetic field", [WORDS.table("field", document)], [_field]),
@@ -85,9 +85,9 @@ def sections(document, published):
             Section("Torque against roll acceleration", figures=[_roll], notes=WORDS.said("roll", **document)),
         ]
     adopted = document["adopted"]["variant"] or "mtq"
-    known = printed_manoeuvres(document, published)
-    caption = f"{_estimates.caption} {WORDS.note('bands', adopted=adopted)}{' Hollow: printed values.' * bool(known)}"
-    shown = replace(_estimates, arguments=(document, known), caption=caption)
+    printed = printed_manoeuvres(document, published)
+    caption = f"{_estimates.caption} {WORDS.note('bands', adopted=adopted)}{' Hollow: printed values.' * bool(printed)}"
+    shown = replace(_estimates, arguments=(document, printed), caption=caption)
     solved = f"solve.{adopted}"
     fits = [replace(_spectra, reads=(solved,)), replace(_linear_accelerations, reads=(solved, "detect"))]
     sources = sorted({one.source for name in ("combined", "manoeuvres") for one in published.get(name, ())})
@@ -108,7 +108,7 @@ def sections(document, published):
     return [
         Section("Result", [_combined_table(document, published)], [shown], notes),
         Section("Agreement and field check", [agreement, WORDS.table("field", document)], beside=True),
-        Section("Every manoeuvre", [_manoeuvre_table(document, known)]),
+        Section("Every manoeuvre", [_manoeuvre_table(document, printed)]),
         Section("Linear acceleration", figures=fits),
         Section("Angular acceleration and time", [instruments], [_angular_accelerations]),
         Section("Torquers and attitude", figures=[_torquers, _attitude]),
@@ -117,17 +117,17 @@ def sections(document, published):
 
 
 def badges(document):
-    """The four answers in words: what was delivered, requirement, accuracy, consistency; (title, good, text) each."""
+    """Badges (title, good: True, False or None, text) for status, requirement, accuracy and consistency."""
     verdict, adopted, status = document["verdict"], document["adopted"]["variant"], document["status"]
     answers = [(status, status == "delivered", f"adopted: {adopted or 'no variant'}")]
     if "requirement" in verdict:
         within, tests = verdict["requirement"], document["consistency"]
-        good = False if "exceeds" in within else True if set(within) == {"within"} else None
-        said = ", ".join(f"{axis} {word}" for axis, word in zip(AXES, within, strict=True))
+        met = False if "exceeds" in within else True if set(within) == {"within"} else None
+        axes_text = ", ".join(f"{axis} {word}" for axis, word in zip(AXES, within, strict=True))
         errors = ", ".join(signed(sigma, 1) for sigma in document["variants"][adopted]["sigma_total_um"])
         agree = f"manoeuvres {tests['manoeuvres']['verdict']}, angular acc. {tests['variants']['verdict']}"
         answers += [
-            (f"offset ≤ {verdict['requirement_um']:g} µm", good, said),
+            (f"offset ≤ {verdict['requirement_um']:g} µm", met, axes_text),
             (f"accuracy ≤ {verdict['accuracy_um']:g} µm", verdict["accuracy_met"], f"total error x, y, z: {errors} µm"),
             ("consistent", verdict["consistent"], agree),
         ]
@@ -138,16 +138,13 @@ def badges(document):
 
 
 def result(products, settings):
-    """What was found in one event: the result document but for its head and tail, from products by stage.
-
-    Of these "combine" is None without a manoeuvre, "survey" may be.
-    """
+    """Body of the result document of an event from {stage: product}; "combine" is None without manoeuvre."""
     detected, combined = products["detect"], products["combine"]
     smoothed, field = products["attitude"], products["field"]
     residual = smoothed["sca_residual_b"].values
     rms = np.sqrt(np.mean(residual**2, axis=0)) if len(residual) else np.full(3, np.nan)
     record = {name: number(detected[f"record_{name}"].values) for name in ("start", "stop")}
-    about = {
+    content = {
         "status": "no_manoeuvre",
         "direction": "proof_mass_to_com",
         "manoeuvres": [],
@@ -166,16 +163,16 @@ def result(products, settings):
         "roll_response": None if detected.sizes["manoeuvre"] else roll_response(products["survey"], settings),
     }
     if not detected.sizes["manoeuvre"] or combined is None:
-        known = None not in record.values()
-        span = f" of {' to '.join(gps_text(time) for time in record.values())} GPS" if known else ""
-        return about | {"verdict": {"text": f"No manoeuvre in the torquer currents{span}: nothing to calibrate."}}
+        dated = None not in record.values()
+        span = f" of {' to '.join(gps_text(time) for time in record.values())} GPS" if dated else ""
+        return content | {"verdict": {"text": f"No manoeuvre in the torquer currents{span}: nothing to calibrate."}}
     solved = next(one for name, one in products.items() if name.startswith("solve."))
     blocks = variants(combined)
     chosen = {"variant": adopted_variant(combined), "rule": WORDS.note("rule")}
     agreement = consistency(combined, chosen["variant"], float(settings["consistency_level"]))
     determined = any(item is not None for block in blocks.values() for item in block["offset_um"])
     density = [np.interp(WAVE_HZ, solved["frequency"].values, row) for row in solved["noise_density"].values]
-    return about | {
+    return content | {
         "status": "delivered" if determined else "failed",
         "verdict": verdict(blocks, chosen, agreement, settings),
         "epoch": EPOCH,
@@ -198,7 +195,7 @@ def result(products, settings):
 
 
 def variants(combined):
-    """Combined offset of every angular acceleration, {variant: block of the document}."""
+    """{variant: block of the document} with combined offset, errors and covariances of every angular acceleration."""
     blocks = {}
     for index, name in enumerate(combined.attrs["variants"].split()):
         offset, determined = combined["offset"].values[index], combined["determined"].values[index]
@@ -209,7 +206,7 @@ def variants(combined):
 
 
 def manoeuvres(combined, detected, smoothed, field, settings):
-    """One entry for each manoeuvre, in order of time."""
+    """Entries of the document for the manoeuvres, in order of time: place, edge shifts, scales, offset per variant."""
     joint, wave, attitude = ({n: v.values for n, v in one.variables.items()} for one in (combined, detected, smoothed))
     orbit = field["time_orbit"].values
     names = combined.attrs["variants"].split()
@@ -220,6 +217,7 @@ def manoeuvres(combined, detected, smoothed, field, settings):
         return plain.estimate(attitude[name][index], np.where(sigma < limit, sigma, np.nan))
 
     def single(variant, index):
+        """Offset block of one manoeuvre in one variant, by index, with the chi-square test of its fit."""
         keys = ("offset", "covariance", "determined", "chi2", "dof")
         offset, covariance, determined, chi2, dof = (joint[f"manoeuvre_{key}"][variant, index] for key in keys)
         return plain.offset_block(offset, covariance, determined) | {"fit": plain.chi_square_test(chi2, dof)}
@@ -251,36 +249,34 @@ def manoeuvres(combined, detected, smoothed, field, settings):
 
 
 def scales(smoothed, settings):
-    """Scales of torque and angular accelerometer, {name: {"value", "sigma"} per axis}, weighted over the manoeuvres.
-
-    They are null where no manoeuvre turns the axis; `torque_scale_sigma` of the settings is the prior.
-    """
+    """{"torque", "angular": {"value", "sigma"}} of the scales, weighted mean per axis; null where undetermined."""
     limits = {"angular": ANGULAR_LIMIT, "torque": SCALE_SHARE * float(settings["torque_scale_sigma"])}
     means = {}
     for name, limit in limits.items():
         values, sigmas = smoothed[f"{name}_scale"].values, smoothed[f"{name}_scale_sigma"].values
-        known = np.isfinite(values) & (sigmas > 0) & (sigmas < limit)
-        weight = np.where(known, 1 / np.where(known, sigmas, 1.0) ** 2, 0.0)
-        total = np.where(known.any(axis=0), weight.sum(axis=0), np.nan)
-        means[name] = plain.estimate(np.sum(weight * np.where(known, values, 0.0), axis=0) / total, 1 / np.sqrt(total))
+        usable = np.isfinite(values) & (sigmas > 0) & (sigmas < limit)
+        weight = np.where(usable, 1 / np.where(usable, sigmas, 1.0) ** 2, 0.0)
+        total = np.where(usable.any(axis=0), weight.sum(axis=0), np.nan)
+        means[name] = plain.estimate(np.sum(weight * np.where(usable, values, 0.0), axis=0) / total, 1 / np.sqrt(total))
     return means
 
 
 def roll_response(survey, settings):
-    """Slope of the measured roll motion on (m x B)_x, beside what the catalogue expects; for want of a manoeuvre."""
+    """Regression slope of the roll rate on the impulse of current x field, with the expected one; None if unknown."""
     slope = None if survey is None else plain.estimate(survey["slope"].values, survey["slope_sigma"].values)
     if slope is None or slope["value"] is None:
         return None
     used = np.isfinite(survey["roll_impulse"].values) & np.isfinite(survey["roll_rate"].values)
-    known = [settings.get(name) for name in ("roll_response", "roll_response_sigma")]
-    expected = None if None in known else plain.estimate(*known)
+    expected_pair = [settings.get(name) for name in ("roll_response", "roll_response_sigma")]
+    expected = None if None in expected_pair else plain.estimate(*expected_pair)
     return slope | {"unit": survey["slope"].attrs["units"], "samples": int(used.sum()), "expected": expected}
 
 
 def consistency(combined, name, level):
-    """Agreement of manoeuvres (those of the adopted variant; all beside it), measured variants, and the catalogue."""
+    """Chi-square tests with verdicts: of manoeuvres (adopted and each variant), of variants, of the catalogue."""
 
     def judged(chi2, dof):
+        """Chi-square test with a verdict at the level: consistent, not consistent or not tested."""
         test = plain.chi_square_test(chi2, dof)
         agree = None if test["p"] is None else test["p"] >= level
         words = {True: "consistent", False: "not consistent", None: "not tested"}
@@ -288,18 +284,15 @@ def consistency(combined, name, level):
 
     names = combined.attrs["variants"].split()
     tests = {one: judged(combined["chi2"].values[i], combined["dof"].values[i]) for i, one in enumerate(names)}
-    own = tests.get(name, judged(np.nan, 0))
+    adopted_test = tests.get(name, judged(np.nan, 0))
     others = {
         one: judged(combined[f"{one}_chi2"].values, combined[f"{one}_dof"].values) for one in ("variants", "catalogue")
     }
-    return {"level": level, "manoeuvres": own | {"variant": name, "by_variant": tests}} | others
+    return {"level": level, "manoeuvres": adopted_test | {"variant": name, "by_variant": tests}} | others
 
 
 def result_checks(combined, consistency, settings):
-    """Checks of the result: fit of every manoeuvre, agreement at the level of the verdict, plausible size.
-
-    A variant that determines no component is not judged: nothing of it is delivered.
-    """
+    """Checks of fit of every manoeuvre, agreement and plausible size; without variants that determine no component."""
     fit = [combined[f"manoeuvre_{name}"].values.astype(float) for name in ("chi2", "dof")]
     ratio = np.divide(*fit, out=np.full_like(fit[0], np.nan), where=fit[1] > 0)
     delivered = np.isfinite(combined["offset"].values).any(axis=1)
@@ -309,39 +302,39 @@ def result_checks(combined, consistency, settings):
         if delivered[i]
     ]
     words = {"manoeuvres": "manoeuvres", "variants": "angular accelerations", "catalogue": "torquers and catalogue"}
-    for name, said in words.items():
+    for name, compared in words.items():
         p = consistency[name]["p"]
-        checks.append(at_least(f"agreement of {said}, p", np.nan if p is None else p, consistency["level"], "1"))
+        checks.append(at_least(f"agreement of {compared}, p", np.nan if p is None else p, consistency["level"], "1"))
     size = 1e6 * largest(np.abs(combined["offset"].values))
     checks.append(at_most("size of the offset", size, settings["plausible_um"], "um"))
     return [one for one in checks if not np.isnan(one.value)]
 
 
 def verdict(variants, chosen, consistency, settings):
-    """Answers to the three questions asked of every event, with a sentence for people."""
+    """Verdict of the document: offset within requirement, accuracy met, consistent (None: not tested), a sentence."""
     limit, accuracy = float(settings["requirement_um"]), float(settings["accuracy_um"])
     if chosen["variant"] is None:
         text = "Manoeuvres were found, but they determine no component of the offset."
         return {"requirement_um": limit, "accuracy_um": accuracy, "text": text}
     values, totals = (variants[chosen["variant"]][name] for name in ("offset_um", "sigma_total_um"))
     within = [_within(value, sigma, limit) for value, sigma in zip(values, totals, strict=True)]
-    met = [sigma is not None and sigma <= accuracy for sigma in totals]
+    accurate = [sigma is not None and sigma <= accuracy for sigma in totals]
     agree = {name: consistency[name]["consistent"] for name in ("manoeuvres", "variants", "catalogue")}
     compared = [agree["manoeuvres"], agree["variants"], agree["catalogue"] is not False]
     answers = {
         "requirement_um": limit,
         "requirement": within,
         "accuracy_um": accuracy,
-        "accuracy_met": all(met),
+        "accuracy_met": all(accurate),
         "consistent": None if None in compared and False not in compared else False not in compared,
     }
-    rows, names = zip(AXES, values, totals, within, met, strict=True), ("axis", "value", "total", "within", "met")
+    rows, names = zip(AXES, values, totals, within, accurate, strict=True), ("axis", "value", "total", "within", "met")
     axes = [dict(zip(names, row, strict=True)) for row in rows]
     return answers | {"text": WORDS.note("verdict", axes=axes, agree=agree, adopted=chosen["variant"], **answers)}
 
 
 def _within(value, sigma, limit):
-    """Whether an offset meets its requirement, as clearly as its error lets tell."""
+    """Whether abs(value) is "within" a limit, "exceeds" it, or is "undecided" by its error; "undetermined" if None."""
     if value is None:
         return "undetermined"
     if abs(value) + CONFIDENCE * sigma <= limit:
@@ -350,10 +343,7 @@ def _within(value, sigma, limit):
 
 
 def vcm_line(document, satellite):
-    """Adopted offset as a line of the sequence-of-events file, in force from the end of the last manoeuvre.
-
-    It is a comment unless all data were measured, None unless all three components are determined.
-    """
+    """Sequence-of-events line of the adopted offset (a comment unless measured), None with a component undetermined."""
     if document["status"] not in documents.WITH_RESULT or document["adopted"]["variant"] is None:
         return None
     name = document["adopted"]["variant"]
@@ -372,7 +362,7 @@ def vcm_line(document, satellite):
 
 
 def printed_manoeuvres(document, published):
-    """Printed values of each manoeuvre: the k-th of a kind and latitude in the paper is our k-th of them."""
+    """{(manoeuvre index, variant): printed record}: the k-th of a kind and latitude class in the paper is our k-th."""
     records = published.get("manoeuvres", ())
     orders = {}
     for one in records:
@@ -388,42 +378,44 @@ def printed_manoeuvres(document, published):
 
 
 def _combined_table(document, published):
-    known = {one.labels["variant"]: one for one in published.get("combined", ())}
+    """Table of the combined offset of every variant, beside printed values, with the chi-square of the manoeuvres."""
+    printed = {one.labels["variant"]: one for one in published.get("combined", ())}
     tests = document["consistency"]["manoeuvres"]["by_variant"]
     rows = [
-        [name, *_offsets(block, block["sigma_total_um"], known, name), chi_square(tests[name])]
+        [name, *_offsets(block, block["sigma_total_um"], printed, name), chi_square(tests[name])]
         for name, block in document["variants"].items()
     ]
     adopted = document["adopted"]["variant"]
-    heads = ["angular acceleration", *_axis_heads(known, "{} printed"), "χ²/dof, p of manoeuvres"]
-    strong = list(document["variants"]).index(adopted) if adopted else None
-    return WORDS.table("combined", rows, heads=heads, strong=strong, wide=bool(known))
+    heads = ["angular acceleration", *_axis_heads(printed, "{} printed"), "χ²/dof, p of manoeuvres"]
+    adopted_row = list(document["variants"]).index(adopted) if adopted else None
+    return WORDS.table("combined", rows, heads=heads, strong=adopted_row, wide=bool(printed))
 
 
-def _manoeuvre_table(document, known):
+def _manoeuvre_table(document, printed):
+    """Table of the offset of every manoeuvre and variant, beside printed values, with the chi-square of the fit."""
     rows = []
     for index, one in enumerate(document["manoeuvres"]):
-        where = "" if one["latitude_deg"] is None else f", {signed(one['latitude_deg'], 0)}°"
+        latitude = "" if one["latitude_deg"] is None else f", {signed(one['latitude_deg'], 0)}°"
         missing = f", not used: gap in {' and '.join(one['gaps'])}" if one["gaps"] else ""
-        label = f"{index + 1} {one['kind']}{where}, {gps_text(one['start'])[11:]}{missing}"
+        label = f"{index + 1} {one['kind']}{latitude}, {gps_text(one['start'])[11:]}{missing}"
         for name, block in one["variants"].items():
-            rows.append([label, name, *_offsets(block, [None] * 3, known, (index, name)), chi_square(block["fit"])])
+            rows.append([label, name, *_offsets(block, [None] * 3, printed, (index, name)), chi_square(block["fit"])])
             label = None
-    heads = ["manoeuvre", "angular acc.", *_axis_heads(known, "printed"), "χ²/dof, p of fit"]
+    heads = ["manoeuvre", "angular acc.", *_axis_heads(printed, "printed"), "χ²/dof, p of fit"]
     return WORDS.table("manoeuvres", rows, heads=heads)
 
 
-def _axis_heads(known, printed_head):
-    """Heads of the three components, each followed by that of the printed one if there is any."""
-    return [head for axis in AXES for head in (f"{axis} (µm)", *([printed_head.format(axis)] if known else []))]
+def _axis_heads(printed, printed_head):
+    """Column heads of the three components, each followed by that of its printed value if there are any."""
+    return [head for axis in AXES for head in (f"{axis} (µm)", *([printed_head.format(axis)] if printed else []))]
 
 
-def _offsets(block, total, known, key):
-    """Cells of the three components, each followed by the printed one if there is any."""
+def _offsets(block, total, printed, key):
+    """Table cells of the three components in um, each followed by its printed value if there are any."""
     cells = []
     for i in range(3):
         cells.append(plus_minus(block["offset_um"][i], block["sigma_um"][i], total[i]))
-        cells += [plain.printed(known.get(key), i)] if known else []
+        cells += [plain.printed(printed.get(key), i)] if printed else []
     return cells
 
 
@@ -432,15 +424,16 @@ def _offsets(block, total, known, key):
 
 @WORDS.figure("field", "align")
 def _field(panels, checked, aligned):
-    used = (checked["used"].values != 0)[:, None]
+    """Plot measured field and IGRF of each axis at the left, their difference at the right."""
+    usable = (checked["used"].values != 0)[:, None]
     time, ends = joined(checked["time_mag"].values, aligned["window_start"].values, aligned["window_stop"].values)
     time, ends = time / 60, ends / 60
-    measured, model = (1e6 * np.where(used, checked[name].values, np.nan) for name in ("measured_b", "model_b"))
-    difference = 1e9 * np.where(used, checked["difference_b"].values, np.nan)
-    thin = slice(None, None, max(1, time.size // 500))
+    measured, model = (1e6 * np.where(usable, checked[name].values, np.nan) for name in ("measured_b", "model_b"))
+    difference = 1e9 * np.where(usable, checked["difference_b"].values, np.nan)
+    every = slice(None, None, max(1, time.size // 500))
     points = {"color": COLOURS["orange"], "markersize": 2.2, "label": "magnetometer", "rasterized": True}
     for row, (axis, (left, right)) in enumerate(zip(AXES, panels, strict=True)):
-        left.plot(time[thin], measured[thin, row], ".", **points)
+        left.plot(time[every], measured[every, row], ".", **points)
         left.plot(*thinned(time, model[:, row]), color=COLOURS["black"], linewidth=0.7, label="IGRF")
         right.plot(*thinned(time, difference[:, row]), color=COLOURS["blue"], linewidth=0.7)
         right.axhline(1e9 * checked["bias"].values[row], color=COLOURS["vermilion"], linestyle="--", label="bias")
@@ -452,6 +445,7 @@ def _field(panels, checked, aligned):
 
 @WORDS.figure("align", "attitude", "detect")
 def _torquers(aligned, smoothed, detected):
+    """Figure of torquer currents and of the angular acceleration that they make, a row for each manoeuvre."""
     titles = "torquer current (mA)", "angular acceleration by the torquers (µrad s$^{-2}$)"
     figure, (left, right) = _rows(detected, titles, 0.55)
     margin = 12.0
@@ -460,29 +454,30 @@ def _torquers(aligned, smoothed, detected):
         near = (since > -margin) & (since < length + margin)
         _stacked(left, row, since[near], aligned["current_b"].values[near].T, AXIS, steps=True)
         inside = smoothed["acc_manoeuvre"].values == row
-        made = 1e6 * smoothed["magnetic_b"].values[inside].T
-        _stacked(right, row, smoothed["time_acc"].values[inside] - start, made, AXIS)
+        magnetic = 1e6 * smoothed["magnetic_b"].values[inside].T
+        _stacked(right, row, smoothed["time_acc"].values[inside] - start, magnetic, AXIS)
     return figure
 
 
 @WORDS.figure("solve.mtq", "detect")
 def _linear_accelerations(solved, detected):
+    """Figure of reading, model and, shifted down, residual of the linear acceleration, a row for each manoeuvre."""
     figure, panels = _rows(detected, [f"f$_{axis}$ (nm s$^{{-2}}$)" for axis in AXES], 0.72)
     index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
     for axis, panel in enumerate(panels):
         for row, (start, _) in enumerate(_spans(detected)):
-            own = index == row
-            if not own.any():
+            inside = index == row
+            if not inside.any():
                 continue
-            reading, model = (1e9 * solved[name].values[own, axis] for name in ("reading", "model"))
+            reading, model = (1e9 * solved[name].values[inside, axis] for name in ("reading", "model"))
             size = max(np.abs(reading).max(), np.abs(model).max(), 1e-3)
             curves = (reading, model, reading - model - 1.3 * size)
-            _stacked(panel, row, time[own] - start, curves, STYLES["linear"], size=size)
+            _stacked(panel, row, time[inside] - start, curves, STYLES["linear"], size=size)
     return figure
 
 
 def _rows(detected, titles, height_in):
-    """Figure with panels side by side, in each one row for every manoeuvre, named at the left."""
+    """Figure and its panels side by side, one row in each for every manoeuvre, labelled at the left."""
     count = detected.sizes["manoeuvre"]
     names = [f"{i + 1} {KINDS[int(kind)]}" for i, kind in enumerate(detected["kind"].values)]
     look = {"xlabel": FROM_EDGE, "titles": titles, "margins": {"wspace": 0.14, "right": 0.95}}
@@ -495,12 +490,12 @@ def _rows(detected, titles, height_in):
 
 
 def _spans(detected):
-    """Start and length of every manoeuvre."""
+    """Pairs (start, length) s of the manoeuvres."""
     return list(zip(detected["start"].values, detected["stop"].values - detected["start"].values, strict=True))
 
 
 def _stacked(panel, row, since, curves, styles, steps=False, size=None):
-    """Curves of one manoeuvre in its row, scaled to fill it; their largest size stands at the right."""
+    """Plot curves (c, n) of one manoeuvre over `since` (n,) s, scaled to its row; their amplitude is at the right."""
     curves = np.asarray(curves)
     if not np.isfinite(curves).any():
         return
@@ -509,8 +504,8 @@ def _stacked(panel, row, since, curves, styles, steps=False, size=None):
         styles.items(), 0.9 * (curves - (low + high) / 2) / (high - low or 1.0), strict=True
     ):
         x, y = (since, values) if steps else thinned(since, values, 500)
-        shown = {"linewidth": 0.8} | style | ({"drawstyle": "steps-post"} if steps else {})
-        panel.plot(x, y - row, label=name if row == 0 else None, **shown)
+        style_of = {"linewidth": 0.8} | style | ({"drawstyle": "steps-post"} if steps else {})
+        panel.plot(x, y - row, label=name if row == 0 else None, **style_of)
     size = max(-low, high) if size is None else size
     place = {"xycoords": ("axes fraction", "data"), "ha": "left", "va": "center", "annotation_clip": False}
     panel.annotate(f"±{size:.3g}", (1.005, -row), fontsize=6, color="#767676", **place)
@@ -518,6 +513,7 @@ def _stacked(panel, row, since, curves, styles, steps=False, size=None):
 
 @WORDS.figure("attitude")
 def _attitude(panels, smoothed):
+    """Plot the star-camera residuals (urad) of all manoeuvres, one after the other, a panel for each axis."""
     index, time = smoothed["sca_manoeuvre"].values, smoothed["time_sca"].values
     if time.size == 0:
         return
@@ -531,6 +527,7 @@ def _attitude(panels, smoothed):
 
 @WORDS.figure("angular_acceleration.*", "detect")
 def _angular_accelerations(angular, detected):
+    """Figure of all variants in the first manoeuvre of each kind, and of half-period means of variant minus mtq."""
     kinds = detected["kind"].values.astype(int)
     chosen = [int(np.flatnonzero(kinds == kind)[0]) for kind in range(3) if (kinds == kind).any()]
     if not chosen or "mtq" not in angular:
@@ -564,27 +561,29 @@ def _angular_accelerations(angular, detected):
 
 @WORDS.figure("solve.mtq")
 def _spectra(panels, solved):
+    """Plot amplitude densities of modelled signal, residual and noise of the linear acceleration along each axis."""
     reading, model = solved["reading"].values, solved["model"].values
     index, time = solved["grid_manoeuvre"].values, solved["time_grid"].values
     pieces = [np.flatnonzero(index == one) for one in np.unique(index)]
-    pieces = [own for own in pieces if own.size > 64 and np.ptp(np.diff(time[own])) < 1e-6]
+    pieces = [piece for piece in pieces if piece.size > 64 and np.ptp(np.diff(time[piece])) < 1e-6]
     if not pieces:
         return
-    length = min(own.size for own in pieces)
-    frequency, residual = density([(reading - model)[own[:length]] for own in pieces], STEP_S)
-    _, signal = density([model[own[:length]] for own in pieces], STEP_S)
-    stated = np.sqrt(solved["noise_density"].values)
-    low = np.nanmin([np.nanmin(stated), np.nanpercentile(residual, 5)])
+    length = min(piece.size for piece in pieces)
+    frequency, residual = density([(reading - model)[piece[:length]] for piece in pieces], STEP_S)
+    _, signal = density([model[piece[:length]] for piece in pieces], STEP_S)
+    noise = np.sqrt(solved["noise_density"].values)
+    low = np.nanmin([np.nanmin(noise), np.nanpercentile(residual, 5)])
     for axis, panel in enumerate(panels):
         panel.loglog(frequency, signal[:, axis], color=COLOURS["sky"], label="modelled signal")
         panel.loglog(frequency, residual[:, axis], color=COLOURS["vermilion"], linewidth=0.8, label="residual")
         style = {"color": COLOURS["black"], "linewidth": 1.3, "label": "noise as measured"}
-        panel.loglog(solved["frequency"].values, stated[axis], **style)
+        panel.loglog(solved["frequency"].values, noise[axis], **style)
     panels[0].set(xlim=(frequency[1], 1.0), ylim=(low / 5, 3 * np.nanmax(signal)))
 
 
 @WORDS.figure("combine")
 def _estimates(panels, document, printed):
+    """Plot the offset of every manoeuvre and variant with errors (hollow: printed), the adopted one as a band."""
     manoeuvres, names = document["manoeuvres"], list(document["variants"])
     adopted = document["variants"].get(document["adopted"]["variant"])
     for row, panel in enumerate(panels):
@@ -599,10 +598,10 @@ def _estimates(panels, document, printed):
             style = VARIANTS[name] | {"linestyle": "none", "markersize": 3.2}
             place = np.arange(len(manoeuvres)) + shift
             bars(panel, place, value, sigma, label=name, **style)
-            known = [printed.get((i, name)) for i in range(len(manoeuvres))]
-            known = np.array([None if one is None else one.value[row] for one in known], dtype=float)
-            if np.isfinite(known).any():
-                panel.plot(place, known, **style | {"markersize": 5.2, "markerfacecolor": "none"})
+            printed_values = [printed.get((i, name)) for i in range(len(manoeuvres))]
+            printed_values = np.array([None if one is None else one.value[row] for one in printed_values], dtype=float)
+            if np.isfinite(printed_values).any():
+                panel.plot(place, printed_values, **style | {"markersize": 5.2, "markerfacecolor": "none"})
     labels = [f"{i} {one['kind']}\n{one['latitude_class'] or ''}" for i, one in enumerate(manoeuvres, start=1)]
     panel.set_xticks(np.arange(len(manoeuvres)), labels)
     panel.set_xlim(-0.6, len(manoeuvres) - 0.4)
@@ -610,6 +609,7 @@ def _estimates(panels, document, printed):
 
 @WORDS.figure("survey")
 def _roll(panel, survey):
+    """Plot the roll rate of the star camera and slope times impulse of the torquers, quadratic drift removed."""
     time, slope = survey["time_sca"].values, float(survey["slope"].values)
     if time.size == 0 or not np.isfinite(slope):
         return

@@ -1,7 +1,7 @@
-"""What effects of the catalogue, and drivers in no list, do to the channels of a manoeuvre and to the edge times.
+"""Signals of catalogue effects and of unlisted drivers in the channels of a manoeuvre and in the edge times.
 
-Edge times are one block beside the manoeuvres: edges of the accelerometer less those of the star camera, and their
-delay against the telemetry. Lines have a phase of their own in every manoeuvre.
+A view is the `Manoeuvre` of one manoeuvre. Edge times are one more block: edges seen by the accelerometer minus those
+seen by the star camera, and their delay against the telemetry. The phase of a line is free in every manoeuvre.
 """
 
 import itertools
@@ -51,35 +51,34 @@ Signal = dict[str, np.ndarray]
 
 @dataclass(frozen=True)
 class Form:
-    """A cause in one form: Manoeuvre -> signal per unit of each parameter, None where it shows nothing.
+    """A cause in one form, with the function that gives its signal in a manoeuvre.
 
-    `frequency` of a flexible mode and `tau` of a lag are refined where the form is near what was measured, and so are
-    the `constants` of a `law`. Where a form with a `base`, a series that a law can be made of, comes near, these are
-    tried.
+    `frequency` of a flexible mode, `tau` of a lag and the `constants` of a `law` are refined where the form comes near
+    what was measured. Where a form with a `base` comes near, all laws of that series are tried.
     """
 
     whole: Candidate  #: without its columns
-    signal: Callable[[Manoeuvre], Signal | None]
-    frequency: float | None = None
-    tau: float | None = None
-    law: Law | None = None
-    constants: tuple[float, ...] = ()
-    base: str = ""
+    signal: Callable[[Manoeuvre], Signal | None]  #: per unit of each parameter, None where it adds nothing
+    frequency: float | None = None  #: Hz, natural frequency of a flexible mode
+    tau: float | None = None  #: s, time constant of a lag
+    law: Law | None = None  #: of an unlisted driver
+    constants: tuple[float, ...] = ()  #: of the law, in the order of its `names`
+    base: str = ""  #: key in `_bases` of a series that laws can be made of
 
     def of(self, one: Manoeuvre) -> Signal | None:
-        """Signal in a manoeuvre, made once."""
+        """Signal in a manoeuvre, computed once and kept in its memory."""
         return one.remembered(("signal", self.whole.cause, self.whole.form), self.signal)
 
 
 def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray, forms=None) -> list[Candidate]:
-    """Effects of the catalogue, then regressors made of the measured channels, in each manoeuvre and the edge times."""
+    """Candidates with whitened columns in views and edge times: the catalogue and unlisted drivers, or given forms."""
     if forms is None:
         forms = [form for entry in _entries() for form in _forms(entry)] + (_drivers(views[0]) if views else [])
     causes = []
     for form in forms:
-        signals, shape, whole = [form.of(one) for one in views], None, form.whole
+        signals, shape, candidate = [form.of(one) for one in views], None, form.whole
         columns = [None if s is None else one.whitened(s) for one, s in zip(views, signals, strict=True)]
-        timing = edge_column(whole.cause, smoothed, starts)
+        timing = edge_column(candidate.cause, smoothed, starts)
         if form.frequency is not None:
             shape = _mode_shape(views, form.frequency)
         if form.tau is not None:
@@ -89,19 +88,20 @@ def candidates(views: list[Manoeuvre], smoothed: xr.Dataset, starts: np.ndarray,
             continue
         if form.constants:
             shape = _law_shape(views, form)
-        key = *whole.form.split()[:1], form.base
+        key = *candidate.form.split()[:1], form.base
         wider = Wider(key, partial(_wider, form, views, smoothed, starts)) if form.base else None
-        whole = replace(whole, columns=[*columns, timing], shape=shape, wider=wider)
-        causes += [whole] if not whole.listed or whole.form.endswith("Hz") else whole.each_alone()
+        candidate = replace(candidate, columns=[*columns, timing], shape=shape, wider=wider)
+        causes += [candidate] if not candidate.listed or candidate.form.endswith("Hz") else candidate.each_alone()
     return causes
 
 
 def _entries():
+    """Catalogue effects that this calibration tries."""
     return [e for s, e in catalogue().items() if s.partition(".")[0] in FAMILIES and s not in NOT_HERE]
 
 
 def _forms(entry: Effect) -> list[Form]:
-    """Forms of an effect."""
+    """Forms of an effect: one for each time constant or natural frequency of a grid, else a single one."""
     if entry.slug == lag.CAUSE:
         per_second = lambda tau: lambda one: lag.per_second(one, tau, lag.usual_lead(tau))  # noqa: E731
         return [Form(listed(entry, [], f"tau {t:g} s"), per_second(t), tau=t) for t in lag.TRIED_S]
@@ -116,13 +116,13 @@ def _forms(entry: Effect) -> list[Form]:
 
 
 def attitude_of_torques(one: Manoeuvre) -> np.ndarray:
-    """Attitude (k, 3, q) rad after every torque that is tried, what all of them can explain."""
+    """Attitude response (k, 3, q) rad to every torque that is tried, per unit of each parameter."""
     entries = [e for e in _entries() if e.channel in ("dipole_b", "torque_b")]
     return np.concatenate([form.of(one)["attitude"] for entry in entries for form in _forms(entry)], axis=2)
 
 
 def _torque_of(entry, values_of):
-    """Context -> torque N m of what an effect adds to the dipole or to the torque, (n, 3, q) or (n, 3)."""
+    """Function Context -> torque (n, 3, q) N m of `values_of`, Context -> (n, 3, q): a torque, or a dipole times B."""
 
     def torque(context):
         values = values_of(context)
@@ -134,29 +134,29 @@ def _torque_of(entry, values_of):
 
 
 def _clipped(context):
-    """Torque per dipole missing at full dipole: what saturation takes from the square waves of the largest current."""
+    """Torque (n, 3, 1) N m per A m2 more on every rod near the largest dipole of the session, which may saturate."""
     full = np.abs(context.dipole_b) > REACHED * context.extra["largest_dipole"]
     return np.cross(np.where(full, np.sign(context.dipole_b), 0.0), context.field_b)[..., None]
 
 
-def _reading(one, entry, values_of):
-    """Signal of what an effect adds to a reading; None where the channel is not observed."""
+def _reading(view, entry, values_of):
+    """Signal of `values_of`, Context -> (samples, 3, q), in the channel of an effect; None where it is not observed."""
     channel = READ.get(entry.channel)
     if channel is None:
-        return of_delay(one, entry.slug)
+        return of_delay(view, entry.slug)
     if channel == "magnetometer":
-        time = one.magnetometer[0]
-        return {channel: values_of(one.at(time))} if time.size else None
-    there = {"linear": one.wide, "angular": one.context, "attitude": Context(time=one.window.time)}
-    return {channel: values_of(there[channel])}
+        time = view.magnetometer[0]
+        return {channel: values_of(view.at(time))} if time.size else None
+    contexts = {"linear": view.wide, "angular": view.context, "attitude": Context(time=view.window.time)}
+    return {channel: values_of(contexts[channel])}
 
 
 def of_delay(one: Manoeuvre, slug: str) -> Signal | None:
-    """What a delay of one second, or a drift of one second per second, does where the field counts; None if nothing.
+    """Signal of a delay of 1 s, or a clock drift of 1 s s-1, that arises through the field; None where there is none.
 
-    A late magnetometer shows the field of before, a late star camera predicts it with the attitude of before: -dB/dt,
-    -w x B in the body, T s-1, in the difference of measured and predicted field. The torque that is predicted for
-    readings is that of the field at their tags, so that they differ by as much.
+    A late magnetometer reads the earlier field, a late star camera predicts it with the earlier attitude: measured
+    minus predicted field changes by -dB/dt and -w x B in the body, T s-1. The torque predicted for accelerometer
+    readings takes the field at their tags, so that the readings differ by the torque of the same change.
     """
     word, since = slug.partition(".")[2], 1.0
     if slug == "timing.clock_drift":
@@ -172,31 +172,31 @@ def of_delay(one: Manoeuvre, slug: str) -> Signal | None:
     return signal
 
 
-def _earlier(one, there, word):
-    """Change (n, 3) T s-1 of the field in the body by an earlier attitude, or by an earlier epoch."""
+def _earlier(view, context, word):
+    """Measured minus predicted field (n, 3) T per second of delay: -w x B of a star camera, else -dB/dt in the body."""
     if word == "star_camera_delay":
-        return -np.cross(there.rate_b, there.field_b)
-    ends = [there.time + d for d in (-STEP_S, STEP_S)]
-    before, after = (field_at(one.arc, t, attitude_at(one.window, t)) for t in ends)
+        return -np.cross(context.rate_b, context.field_b)
+    epochs = [context.time + d for d in (-STEP_S, STEP_S)]
+    before, after = (field_at(view.arc, t, attitude_at(view.window, t)) for t in epochs)
     return (before - after) / (2 * STEP_S)
 
 
 def _deflected(frequency, damping):
-    """Linear reading on each axis per angular acceleration about each, in the order of the effect's parameters."""
+    """Function view -> signal (n, 3, 9) of a flexible mode (Hz, damping ratio), per metre of each `x_from_y`."""
 
-    def signal(one):
-        moved = deflection(one.wide.time, one.wide.angular_b, frequency, damping)
-        return {"linear": np.einsum("nb,ac->nacb", moved, np.eye(3)).reshape(len(moved), 3, 9)}
+    def signal(view):
+        deflected = deflection(view.wide.time, view.wide.angular_b, frequency, damping)
+        return {"linear": np.einsum("nb,ac->nacb", deflected, np.eye(3)).reshape(len(deflected), 3, 9)}
 
     return signal
 
 
 def _mode_shape(views, frequency):
-    """Shape of a flexible mode about a frequency of the grid."""
+    """Shape of a flexible mode: natural frequency and damping ratio, refined from near a frequency (Hz) of the grid."""
     near = frequency + np.linspace(-MODE_STEP_HZ, MODE_STEP_HZ, 7)
     tried = np.array([(f, d) for f in near for d in (DAMPING / 4, DAMPING, 4 * DAMPING)])
-    lower, upper = (np.array([frequency + s * 2 * MODE_STEP_HZ, d]) for s, d in ((-1, 1e-3), (1, 0.5)))
-    columns = lambda value: [*(one.whitened(_deflected(*value)(one)) for one in views), None]  # noqa: E731
+    lower, upper = (np.array([frequency + sign * 2 * MODE_STEP_HZ, d]) for sign, d in ((-1, 1e-3), (1, 0.5)))
+    columns = lambda value: [*(view.whitened(_deflected(*value)(view)) for view in views), None]  # noqa: E731
     return Shape(("frequency", "damping"), ("Hz", "1"), np.array([frequency, DAMPING]), columns, tried, lower, upper)
 
 
@@ -204,7 +204,7 @@ def _mode_shape(views, frequency):
 
 
 def _drivers(one: Manoeuvre) -> list[Form]:
-    """Every driver in the linear and in the angular reading, three axes each."""
+    """Forms of every unlisted driver in the linear and in the angular reading, a coefficient for each of three axes."""
     forms = []
     for channel in UNITS:
         bases = _bases(one, channel)
@@ -217,30 +217,31 @@ def _drivers(one: Manoeuvre) -> list[Form]:
     return forms
 
 
-def _unknown(channel, driver, form, width, signal, **known):
-    """Form in no list, of a series with so many columns, on three axes of a reading."""
+def _unknown(channel, driver, form, width, signal, **fields):
+    """Form of an unlisted driver with `width` series on three axes of a reading; other fields of Form in `fields`."""
     names = [f"{channel}_{a}_{w}" if width > 1 else f"{channel}_{a}" for w in range(width) for a in "xyz"]
-    return Form(unknown(driver, f"{channel} reading, {form}", [], UNITS[channel], names), signal, **known)
+    return Form(unknown(driver, f"{channel} reading, {form}", [], UNITS[channel], names), signal, **fields)
 
 
-def _series(one, channel) -> list[tuple[str, str, np.ndarray]]:
-    """Driver channels, form, and (n, k) 1 of a size near one, on the epochs of the linear or angular reading."""
-    return one.remembered(("drivers", channel), partial(_made_series, channel=channel))
+def _series(view, channel) -> list[tuple[str, str, np.ndarray]]:
+    """Drivers of a reading, computed once: channels they come from, form in words, (n, k) of order one at epochs."""
+    return view.remembered(("drivers", channel), partial(_made_series, channel=channel))
 
 
-def _there(one, channel):
-    """Context of the linear or angular reading of a manoeuvre."""
-    return one.wide if channel == "linear" else one.context
+def _there(view, channel):
+    """Context at the epochs of the linear reading, pads included, or at those of the angular reading."""
+    return view.wide if channel == "linear" else view.context
 
 
 def _made_series(one, channel):
-    bases, c = _bases(one, channel), _there(one, channel)
-    time, since, length = c.time, c.time - one.time[0], one.time[-1] - one.time[0]
+    """Rows of `_series`: hysteresis, products, the series of `_bases`, decays and a saw-tooth of the second."""
+    bases, context = _bases(one, channel), _there(one, channel)
+    time, since, length = context.time, context.time - one.time[0], one.time[-1] - one.time[0]
     current, sine = bases[CURRENT][1], np.sin(bases[LATITUDE][1])
-    angle = np.cumsum((c.rate_b - c.rate_b.mean(axis=0)) * np.diff(time, prepend=time[0])[:, None], axis=0)
+    angle = np.cumsum((context.rate_b - context.rate_b.mean(axis=0)) * np.diff(time, prepend=time[0])[:, None], axis=0)
     angle = (angle - angle.mean(axis=0)) / max(np.abs(angle).max(), 1e-30)
     rate = np.stack([bases[f"rate {a}"][1] for a in "xyz"], axis=1)
-    field = c.field_b * 2e4
+    field = context.field_b * 2e4
     rows = [("torquer_current", f"hysteresis of {w:g} of full", play(current, w)) for w in PLAY]
     strength = np.linalg.norm(field, axis=1)
     rows.append(("torquer_current*field", "current times field strength", current * strength))
@@ -255,16 +256,17 @@ def _made_series(one, channel):
     return [(driver, form, values.reshape(len(values), -1)) for driver, form, values in rows]
 
 
-def _bases(one, channel) -> dict[str, tuple[str, np.ndarray]]:
-    """Measured series of a size near one that laws of a reading are made of: {words: (driver, (n,))}."""
-    return one.remembered(("bases", channel), partial(_made_bases, channel=channel))
+def _bases(view, channel) -> dict[str, tuple[str, np.ndarray]]:
+    """Measured series that laws of a reading are made of, computed once: {words: (channel, (n,) of order one)}."""
+    return view.remembered(("bases", channel), partial(_made_bases, channel=channel))
 
 
-def _made_bases(one, channel):
-    c = _there(one, channel)
+def _made_bases(view, channel):
+    """Series of `_bases`: current, body rate, angular acceleration, attitude, field, latitude and sunlight."""
+    c = _there(view, channel)
     time = c.time
     current = c.dipole_b.sum(axis=1) / max(np.abs(c.dipole_b).max(), 1e-30)
-    rate, place = c.rate_b - c.rate_b.mean(axis=0), [np.interp(time, one.orbit[0], p) for p in one.orbit[1].T]
+    rate, place = c.rate_b - c.rate_b.mean(axis=0), [np.interp(time, view.orbit[0], p) for p in view.orbit[1].T]
     angle = np.cumsum(rate * np.diff(time, prepend=time[0])[:, None], axis=0)
     vectors = {"rate": rate, "angular acceleration": c.rate_dot_b, "attitude": angle - angle.mean(axis=0)}
     change = np.diff(current, prepend=0.0) / np.median(np.diff(time))
@@ -286,30 +288,30 @@ SCREENED += [(Law(CURRENT, "the square of {}"), ())]
 SCREENED += [(Law(LATITUDE, WAVES), (k,)) for k in (4.0, 10.0, 20.0, 30.0, 40.0, 60.0, 80.0, 100.0)]
 
 
-def _values(law: Law, one: Manoeuvre, channel: str, constants) -> np.ndarray:
-    """Values (n, w) of a law in a reading of a manoeuvre, before which the current is off."""
-    bases, rested = _bases(one, channel), law.base in (CURRENT, CHANGE)
+def _values(law: Law, view: Manoeuvre, channel: str, constants) -> np.ndarray:
+    """Values (n, w) of a law at the epochs of a reading; the current is taken to be off before the first of them."""
+    bases, rested = _bases(view, channel), law.base in (CURRENT, CHANGE)
     off = np.abs(bases[CURRENT][1]) < 0.05
-    return law.values(_there(one, channel).time, bases[law.base][1], constants, off=off, rested=rested)
+    return law.values(_there(view, channel).time, bases[law.base][1], constants, off=off, rested=rested)
 
 
 def _wider(form, views, smoothed, starts):
-    """Candidates of every law of the series of a form, with the constants that are tried."""
+    """Candidates of every law that can be made of the `base` of a form, one for each set of constants tried."""
     channel, driver = form.whole.form.split()[0], form.whole.cause.partition(":")[2]
-    own = laws(form.base, form.base == LATITUDE)
-    forms = [_of_law(law, one, channel, driver) for law in own for one in law.tried()]
+    every_law = laws(form.base, form.base == LATITUDE)
+    forms = [_of_law(law, constants, channel, driver) for law in every_law for constants in law.tried()]
     return candidates(views, smoothed, starts, forms)
 
 
 def _of_law(law, constants, channel, driver, screened=False):
-    """Form of a law with its constants."""
+    """Form of a law with constants; a `screened` one stands for all laws of its base, which it leads to."""
     signal = lambda one: {channel: on_axes(_values(law, one, channel, constants))}  # noqa: E731
-    known = {"law": law, "constants": tuple(map(float, constants)), "base": law.base if screened else ""}
-    return _unknown(channel, driver, law.told(constants), law.width, signal, **known)
+    fields = {"law": law, "constants": tuple(map(float, constants)), "base": law.base if screened else ""}
+    return _unknown(channel, driver, law.told(constants), law.width, signal, **fields)
 
 
 def _law_shape(views, form):
-    """Shape of a law about the constants that were tried."""
+    """Shape of a form with a law: its constants, refined from about those that were tried."""
     law, channel, value = form.law, form.whole.form.split()[0], np.array(form.constants)
     signal = lambda one, v: {channel: on_axes(_values(law, one, channel, v))}  # noqa: E731
     columns = lambda v: [*(one.whitened(signal(one, v)) for one in views), None]  # noqa: E731
@@ -324,19 +326,19 @@ def _law_shape(views, form):
 
 
 def edge_block(smoothed: xr.Dataset) -> Block:
-    """Edges of the accelerometer less those of the star camera, and their delay against the telemetry."""
+    """Block of k + 1 whitened edge times: accelerometer minus star camera in each manoeuvre, delay to telemetry."""
     rows = np.append(smoothed["acc_shift"].values - smoothed["sca_shift"].values, float(smoothed["acc_delay"]))
     observed, count = lag.whitened_edges(smoothed, rows), rows.size
     return Block.of("timing", observed, "timing", 0, np.arange(float(count)), shared=np.zeros((count, 3)))
 
 
 def edge_column(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarray | None:
-    """Whitened column (k + 1, 1) of an effect on tags in the edge times; None where it does nothing."""
-    one, middle = np.ones(smoothed["acc_shift"].size), starts - starts[0]
+    """Whitened column (k + 1, 1) of a timing effect in the edge times, starts (k,) s; None where it changes none."""
+    ones, middle = np.ones(smoothed["acc_shift"].size), starts - starts[0]
     column = {
-        "timing.accelerometer_delay": lambda: np.append(one, 1.0),
-        "timing.star_camera_delay": lambda: np.append(-one, 0.0),
-        "timing.magnetometer_delay": lambda: np.append(0 * one, -1.0),
+        "timing.accelerometer_delay": lambda: np.append(ones, 1.0),
+        "timing.star_camera_delay": lambda: np.append(-ones, 0.0),
+        "timing.magnetometer_delay": lambda: np.append(0 * ones, -1.0),
         "timing.clock_drift": lambda: np.append(middle, middle.mean()),
     }.get(slug)
     return None if column is None else lag.whitened_edges(smoothed, column())[:, None]
@@ -346,11 +348,10 @@ def edge_column(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarr
 
 
 def waves(entry: Entry, views: list[Manoeuvre], blocks: list[Block]) -> tuple[Wave, ...]:
-    """Cosine and sine of a line on each axis of each manoeuvre.
+    """Cosine and sine of a line, in the unit of the reading, on each axis of each manoeuvre.
 
-    The search fits a sine to whitened rows. A sine of the reading, taken through low-pass and whitening, gives the same
-    rows for one size and phase, which are those of the reading. The entry has the parameters frequency,
-    cosine_<axis>_<manoeuvre> and sine_<axis>_<manoeuvre>, whitened.
+    The search fits whitened rows: of the entry's parameters cosine_<axis>_<manoeuvre> and sine_<axis>_<manoeuvre> have
+    no unit. The sine of the reading is that which low-pass and whitening take to the same rows.
     """
     values, channel, lines = entry.values, entry.form.split()[0], []
     for number, (one, block) in enumerate(zip(views, blocks[: len(views)], strict=True)):
@@ -360,24 +361,24 @@ def waves(entry: Entry, views: list[Manoeuvre], blocks: list[Block]) -> tuple[Wa
             if not all(n in values for n in names):
                 continue
             rows = (block.channel == channel) & (block.axis == axis)
-            wanted = _sine_and_cosine(2 * np.pi * values["frequency"] * block.time[rows]) @ [values[n] for n in names]
+            target = _sine_and_cosine(2 * np.pi * values["frequency"] * block.time[rows]) @ [values[n] for n in names]
             since = _there(one, channel).time - one.time[0]
             signal = np.zeros((since.size, 3, 2))
             signal[:, axis] = _sine_and_cosine(2 * np.pi * values["frequency"] * since)
             columns = one.whitened({channel: signal})[rows]
             used = np.any(columns != 0, axis=1)
-            sizes[letter] = tuple(np.linalg.lstsq(columns[used], wanted[used], rcond=None)[0].tolist())
+            sizes[letter] = tuple(np.linalg.lstsq(columns[used], target[used], rcond=None)[0].tolist())
         lines.append(Wave(float(one.time[0]), channel, **sizes))
     return tuple(lines)
 
 
 def _sine_and_cosine(phase):
-    """Cosine and sine (n, 2)."""
+    """Cosine and sine (n, 2) of a phase (n,) rad."""
     return np.stack([np.cos(phase), np.sin(phase)], axis=1)
 
 
 def amplitudes(entry: Entry, views: list[Manoeuvre]) -> dict[str, Parameter]:
-    """Frequency, and amplitude on each axis: rms over the manoeuvres, its whitened size over that of a unit sine."""
+    """Frequency Hz of a line, and amplitude per axis, rms over the manoeuvres: whitened, over that of a unit sine."""
     parameters, channel = entry.parameters, entry.form.split()[0]
     line, phase = {"frequency": parameters["frequency"]}, 2 * np.pi * parameters["frequency"].value
     for axis, letter in enumerate("xyz"):
@@ -404,9 +405,8 @@ def amplitudes(entry: Entry, views: list[Manoeuvre]) -> dict[str, Parameter]:
 def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
     """What an entry of a model adds to the channels of a manoeuvre, {channel: (samples, 3)}.
 
-    Of an effect in no list without the drift of its linear reading, which the search leaves free: a decay by 80 s is
-    known to a thousandth of what it is beside such a drift, and the solution, whose drift has a lower degree, would
-    take the rest for an offset.
+    The linear reading of an unlisted driver comes without its polynomial drift, which the search leaves free: only a
+    thousandth of a decay by 80 s is determined beside it, and a solution of lower degree makes an offset of the rest.
     """
     if "frequency" in entry.parameters and entry.cause in TONES.values():
         known = [w for w in entry.waves if abs(w.start - one.time[0]) < 5.0]
@@ -454,12 +454,12 @@ def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry])
     To first order in the effects: readings less their contribution, attitude less the rotation that an extra torque
     makes, tags less their delay. Beyond the manoeuvres and their pads only tags change, and what follows a step.
     """
-    extended, step, there = aligned.copy(deep=True), effect(STEP), Context(time=aligned["time_acc"].values)
+    extended, step, context = aligned.copy(deep=True), effect(STEP), Context(time=aligned["time_acc"].values)
     for entry in sorted(model, key=lambda e: e.cause == lag.CAUSE):  # what is left says where edges fall
         if entry.cause == STEP:
             *sizes, at = step.values(entry.values)
             for one in [lead.start + lead.lead for lead in entry.leads] or [at]:
-                extended["linear_b"].values -= step.contribution(there, [*sizes, one])
+                extended["linear_b"].values -= step.contribution(context, [*sizes, one])
             continue
         turns = entry.listed and effect(entry.cause).channel in ("dipole_b", "torque_b")
         for one in views:
@@ -472,37 +472,37 @@ def without(aligned: xr.Dataset, views: list[Manoeuvre], model: Sequence[Entry])
 def tags_moved(records: xr.Dataset, model: Sequence[Entry]) -> xr.Dataset:
     """Records whose tags are less by the delays of a model; drifts are below the tags' own error within a day."""
     for entry in (one for one in model if one.listed):
-        name, known = TAGS.get(effect(entry.cause).channel), effect(entry.cause)
-        if name and known.slug.endswith("delay"):
-            moved = (name, *EDGES) if name == "time_mag" else (name,)
-            records = records.assign({n: records[n] - known.values(entry.values)[0] for n in moved})
+        name, listed_effect = TAGS.get(effect(entry.cause).channel), effect(entry.cause)
+        if name and listed_effect.slug.endswith("delay"):
+            names = (name, *EDGES) if name == "time_mag" else (name,)
+            records = records.assign({n: records[n] - listed_effect.values(entry.values)[0] for n in names})
     return records
 
 
-def _subtract(extended, one, added, turned):
-    """Contribution taken out of the records, in place; where the body itself turned, the field turns with it."""
-    for channel, name, rows in (("linear", "linear_b", one.wide_rows), ("angular", "angular_b", one.rows)):
+def _subtract(extended, view, added, turned):
+    """Subtract {channel: (samples, 3)} from records, in place; the measured field turns with the body if `turned`."""
+    for channel, name, rows in (("linear", "linear_b", view.wide_rows), ("angular", "angular_b", view.rows)):
         if channel in added:
             extended[name].values[rows] -= added[channel]
     if "attitude" in added:
-        rows, angle = _angle(extended["time_sca"].values, one.window.time, added["attitude"])
+        rows, angle = _angle(extended["time_sca"].values, view.window.time, added["attitude"])
         values = extended["quaternion"].values
         values[rows] = frames.quaternion_product(values[rows], frames.from_rotation_vector(-angle))
         if turned:  # the field as a body that did not turn would see it
-            rows, angle = _angle(extended["time_mag"].values, one.window.time, added["attitude"])
+            rows, angle = _angle(extended["time_mag"].values, view.window.time, added["attitude"])
             extended["field_measured_b"].values[rows] = rotated(angle, extended["field_measured_b"].values[rows])
     if "magnetometer" in added:
-        subtract_field(extended, one.magnetometer[0], added["magnetometer"])
+        subtract_field(extended, view.magnetometer[0], added["magnetometer"])
 
 
-def _angle(time, known, angle):
-    """Rows of a record near a manoeuvre, and the rotation there; held beyond its ends, where others interpolate."""
-    rows = slice(*np.searchsorted(time, [known[0] - BEYOND_S, known[-1] + BEYOND_S]))
-    return rows, np.stack([np.interp(time[rows], known, a) for a in angle.T], axis=1)
+def _angle(time, epochs, angle):
+    """Rows (slice) of a record near a manoeuvre, and the rotation (n, 3) rad there, held beyond its epochs (k,) s."""
+    rows = slice(*np.searchsorted(time, [epochs[0] - BEYOND_S, epochs[-1] + BEYOND_S]))
+    return rows, np.stack([np.interp(time[rows], epochs, component) for component in angle.T], axis=1)
 
 
 def rotated(angle: np.ndarray, vectors: np.ndarray) -> np.ndarray:
-    """Turned vectors (n, 3); one that is written a second time stays what it was the first time."""
+    """Vectors (n, 3) in a body without an extra rotation (n, 3) rad; a value written twice is turned by the first."""
     turned = np.matvec(frames.R_bi_from_quaternion(frames.from_rotation_vector(-angle)), vectors)
     again = 1 + np.flatnonzero(np.all(vectors[1:] == vectors[:-1], axis=1))
     turned[again] = turned[again - 1]
@@ -510,7 +510,7 @@ def rotated(angle: np.ndarray, vectors: np.ndarray) -> np.ndarray:
 
 
 def subtract_field(extended: xr.Dataset, time: np.ndarray, added: np.ndarray) -> None:
-    """Contribution taken out of the field, in place; a value that is written twice stays the same in both records."""
+    """Subtract (n, 3) T at epochs (n,) s from the measured field, in place; values written twice stay equal in both."""
     values = extended["field_measured_b"].values
     rows = np.searchsorted(extended["time_mag"].values, time)
     size = len(values) - 1
