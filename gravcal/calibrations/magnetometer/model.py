@@ -50,7 +50,7 @@ class Field:
 def align(
     mag: xr.Dataset, camera: xr.Dataset, orbit: xr.Dataset, *, dipole_per_current, igrf_generation: int
 ) -> xr.Dataset:
-    """Product "magnetometer.align": MAG1B, reference field in b by SCA1B and GNV1B; dipole_per_current (3,) A m2 mA-1."""
+    """Product "magnetometer.align": MAG1B, reference field in b by SCA1B, GNV1B; dipole_per_current (3,) A m2 mA-1."""
     columns = tuple(f"Mfv{a}_RAW" for a in "XYZ")
     time, values = usable(mag, (*columns, "current_b"))
     sca_time, quaternion = usable(camera, QUATERNION)
