@@ -36,7 +36,7 @@ class Planned:
 
 
 def plan(chosen, full_scale: float) -> list[Planned]:
-    """Manoeuvres of the settings, or of their design; full_scale in mA."""
+    """List of Planned, of the settings or of their design; full_scale of the current of a rod in mA."""
     if not chosen.design:
         usual, flown = (chosen.manoeuvre_s, chosen.manoeuvre_current_share), catalog.design(PUBLISHED).manoeuvres
         flown = sorted(flown, key=lambda one: one.facts["latitude_class"], reverse=True)
@@ -193,7 +193,7 @@ def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
     body = flight.Body(
         scene.inertia_b,
         chosen.control_frequency_rad_s,
-        1.0,
+        1.0,  # damping
         chosen.control_current_ma * float(np.mean(scene.dipole_per_current)),
         satellite["torquer_current_step"] * float(np.mean(scene.dipole_per_current)),
     )
@@ -288,10 +288,10 @@ def library(limits: Mapping, causes=()) -> list[dict]:
 
 
 def measured_noise(usual, known, measured) -> dict:
-    """Settings with the noise of the linear channels as "com_offset.noise" has it, {} where it has none.
+    """Settings with the noise of the linear channels in "com_offset.noise" (`measured`), {} where it has none.
 
-    From 0.05 Hz to the low-pass the densities are those measured before it, beyond as many times those of the usual
-    settings as at the ends. Of angular channels, star cameras and magnetometer a calibration measures no noise.
+    From 0.05 Hz to the low-pass of the calibration's settings, `known`, the densities are those measured before it,
+    beyond as many times the `usual` ones as at the ends. Angular channels, star cameras, magnetometer: not measured.
     """
     if measured.attrs["source_of_noise"] != "quiet data":
         return {}

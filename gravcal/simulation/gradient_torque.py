@@ -69,7 +69,7 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
 
 def _invented_drag(time, chosen, rng):
     """Non-gravitational acceleration (n, 3) m s-2 in b: against the flight, once and twice per revolution, wind."""
-    u = 2 * np.pi * (time - time[0]) / 5660.0
+    u = 2 * np.pi * (time - time[0]) / 5660.0  # argument of latitude: 5660 s a revolution
     phase = rng.uniform(0, 2 * np.pi, (2, 3))
     size = chosen.drag_m_s2
     mean, once, twice = size * np.array([[-1.0, 0.02, -0.05], [0.4, 0.15, 0.1], [0.15, 0.05, 0.05]])
@@ -113,7 +113,7 @@ def _body(satellite, chosen, rng):
 
 
 def _true_field(field, chosen, rng):
-    """The field as it is: the model and an error drawn from its standard deviations."""
+    """True gravity Field: the model and an error drawn from its standard deviations."""
     known = gravity.truncated(field, 0, chosen.field_degree)
     if known.cosine_sigma is None or chosen.field_error_scale == 0:
         return known

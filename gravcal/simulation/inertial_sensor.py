@@ -150,10 +150,10 @@ def measured_noise(_usual, _known, scaled, moved) -> dict:
     """
     density = np.concatenate([moved["noise_density"].values, scaled["voltage_density"].values])
     k = scaled["k"].values[int(scaled["chosen_arm"])]
-    parts = np.stack([np.sum(electrodes.READOUT**2, axis=1), np.append(1 / k**2, np.zeros(3))], axis=1)
-    shares = parts / density[:, None] ** 2
-    size = np.linalg.norm(shares, axis=0)
-    volts, force = np.sqrt(nnls(shares / size, np.ones(6))[0] / size)
+    contributions = np.stack([np.sum(electrodes.READOUT**2, axis=1), np.append(1 / k**2, np.zeros(3))], axis=1)
+    relative = contributions / density[:, None] ** 2
+    size = np.linalg.norm(relative, axis=0)
+    volts, force = np.sqrt(nnls(relative / size, np.ones(6))[0] / size)
     tracker = np.sqrt(np.mean(scaled["tracker_sigma"].values ** 2))
     settings = {"voltage_noise_v_rthz": volts, "acceleration_noise_m_s2_rthz": force, "tracker_noise_rad": tracker}
     return {name: float(value) for name, value in settings.items()}
@@ -251,7 +251,7 @@ def attitude(step, rate, start):
 
 
 def with_effects(time, linear_b, angular_b, truth: Truth, hidden: Hidden) -> tuple[np.ndarray, np.ndarray]:
-    """Linear and angular acceleration (n, 3) with the hidden effects of electrodes and loop."""
+    """Linear and angular acceleration (n, 3) m s-2, rad s-2 with the hidden effects of electrodes and loop."""
     if not hidden.effects:
         return linear_b, angular_b
     delay = hidden.added("acc_delay", time)
@@ -285,7 +285,7 @@ def read_volts(linear_b, angular_b, truth: Truth, chosen, rng, drift_b=0.0) -> n
 
 
 def _tracked(bounds, path, truth, chosen, rng, hidden):
-    """Attitude as measured at 4 Hz, with white noise about each axis; a tag late by the delay has an earlier one."""
+    """Record "ATT" at 4 Hz: attitude with white noise about each axis; a tag late by the delay has an earlier one."""
     (start, stop), (time, quaternion) = bounds, path
     tag = start + STEP_TRACKER * np.arange(round((stop - start) / STEP_TRACKER))
     epoch = np.clip(tag - truth.delay - hidden.added("sca_delay", tag), time[0], time[-1])

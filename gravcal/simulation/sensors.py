@@ -66,7 +66,7 @@ def draw_clock(chosen, day: float, rng) -> tuple[Clock, dict]:
     receiver = np.arange(day - 300, day + constants.DAY + 301, 10.0)
     offset = rng.uniform(-1, 1) * chosen.clock_offset_s + chosen.clock_drift * (receiver - day)
     onboard = np.arange(day - 295, day + constants.DAY + 300, 8.0)
-    mapping_ns = 119.0 * rng.integers(-1, 2, onboard.size)
+    mapping_ns = 119.0 * rng.integers(-1, 2, onboard.size)  # jitter of one step of 119 ns
     tag, drift = np.round(onboard * 1e9).astype(np.int64) + mapping_ns.astype(np.int64), chosen.clock_drift
     whole = receiver.astype(np.int64), onboard.astype(np.int64)
     columns = {"CLK1B": {"rcv_time": whole[0], "eps_time": offset, "eps_drift": np.full(offset.size, drift)}}
@@ -106,7 +106,7 @@ def _accelerometer(epochs, motion, scene, satellite, chosen, effects, rng):
     context = Context(time=epochs.acc, angular_b=motion.rate_dot_b, extra=extra, **shared)
     state = scene.orbit(epochs.acc)
     direction = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
-    density = 1 + 0.5 * np.sin(1.1e-3 * (epochs.acc - scene.spans[0, 0]))
+    density = 1 + 0.5 * np.sin(1.1e-3 * (epochs.acc - scene.spans[0, 0]))  # of air, about once a revolution
     R_bi = frames.R_bi_from_quaternion(motion.quaternion)
     drag = np.matvec(R_bi, -chosen.drag_m_s2 * density[:, None] * direction)  # against the flight
     linear = drag + effect("accelerometer.offset").contribution(context, scene.offset)
@@ -229,5 +229,5 @@ def star_camera_noise(count: int, chosen, rng) -> np.ndarray:
 def star_camera(quaternion: np.ndarray, angle_b: np.ndarray, rng) -> np.ndarray:
     """Measured quaternions: the error angle applied in the body, the sign of a few runs flipped."""
     measured = frames.quaternion_product(quaternion, frames.from_rotation_vector(angle_b))
-    sign = np.where(np.cumsum(rng.random(len(measured)) < 2e-4) % 2 == 1, -1.0, 1.0)
+    sign = np.where(np.cumsum(rng.random(len(measured)) < 2e-4) % 2 == 1, -1.0, 1.0)  # a flip in 5000
     return measured * sign[:, None]

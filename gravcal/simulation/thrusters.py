@@ -77,7 +77,7 @@ def _flown(satellite, chosen, path, firings, gain, effects, day):
     dipole = np.zeros((middle.size, 3)) + added(effects, "dipole_b", context)
     whole = np.isin(bound[:-1], nodes)
     steps = flight.Steps(bound, whole, np.zeros(middle.size, dtype=bool), np.zeros((middle.size, 3)))
-    body = flight.Body(np.array(satellite["inertia"]), chosen.control_frequency_rad_s, 0.7, 0.0, 1.0)
+    body = flight.Body(np.array(satellite["inertia"]), chosen.control_frequency_rad_s, 0.7, 0.0, 1.0)  # no rods
     ends = tuple(np.repeat(one[:, None], 2, axis=1) for one in (dipole, torque))
     states, _ = flight.fly(steps, around, body, np.concatenate([around.target[0], around.target_rate_b[0]]), ends)
     time = day + chosen.star_camera_step_s * np.arange(int(chosen.duration_s / chosen.star_camera_step_s))
