@@ -192,7 +192,7 @@ def derivative(K, axis):
 
 
 def kernel_tables(series):
-    """Arguments of `sum_series` from series K (n, m): coefficients by order and degree above it, recursion factors."""
+    """`sum_series` arguments from coefficients K of each series: by order and degree above it, recursion factors."""
     orders = series[0].shape[0]
     table, (alpha, beta) = np.zeros((orders, orders, 2 * len(series))), np.zeros((2, orders, orders))
     m = np.arange(1, orders)
