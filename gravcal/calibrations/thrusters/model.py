@@ -137,7 +137,7 @@ def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def late(one: Records, inertia_b) -> int:
-    """Whole seconds by which firings are tagged late against the attitude, 0 where none stands out, as of few firings.
+    """Whole seconds by which firings of records `one` are tagged late against the attitude, 0 where no lag stands out.
 
     Notes
     -----
