@@ -96,7 +96,7 @@ class Readings(Observations):
         return self.aligned.assign(measured_b=self.aligned["measured_b"] - added)
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
-        """Time, reference field (m, 3) T of a part, and rows (q, m, 3) T."""
+        """Time (m,) s and reference field (m, 3) T of a part, and rows (q, m, 3) T."""
         part = self.parts[number]
         place = model.placed(self.field.time[part], float(self.aligned["step"]))
         each = zip(self.noise, rows.reshape(3, part.size, -1), strict=True)
