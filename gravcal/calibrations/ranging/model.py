@@ -96,8 +96,7 @@ def pointing_gain(line_b: np.ndarray, noise_hz: float) -> tuple[np.ndarray, np.n
     """Wiener filter of the measured pointing: frequency (m,) Hz, density (2, 2, m) rad2 Hz-1, gain (2, 2, m) 0 to 1.
 
     From the one-sided spectrum of y and z of the lines of sight (2, n, 3) at whole seconds, with no motion above
-    `noise_hz`: G = S_t / (S_t + S_n) of a motion S_t observed with white noise S_n (Wiener), zero where noise exceeds
-    motion.
+    `noise_hz`: G = S_t / (S_t + S_n) of a motion S_t in white noise S_n, zero where noise exceeds motion.
     """
     count = line_b.shape[1]
     edges = np.append(np.geomspace(1e-3, noise_hz, 16), np.geomspace(noise_hz, WHITE_HZ, 6)[1:])
@@ -183,10 +182,11 @@ def blocks(
     return [_block(*one, step) for one in zip(parts, places, slow, density, strict=True)]
 
 
-def _block(rows, place, slow, density, step):  # Block; its covariance is the autocovariance of density (BINS + 1,)
-    by_lag = np.fft.irfft(density, 2 * BINS) * (0.5 / step)
-    by_lag[0] *= 1 + ROUNDING
-    return Block(rows, place, slow, density, cholesky(by_lag[np.abs(place[:, None] - place)], lower=True))
+def _block(rows, place, slow, density, step):
+    """Block whose covariance is the autocovariance of a density (BINS + 1,) m2 Hz-1; step s."""
+    autocovariance = np.fft.irfft(density, 2 * BINS) * (0.5 / step)
+    autocovariance[0] *= 1 + ROUNDING
+    return Block(rows, place, slow, density, cholesky(autocovariance[np.abs(place[:, None] - place)], lower=True))
 
 
 def _scored(parts, data, knots, level):
