@@ -246,7 +246,7 @@ def noises(
     None for a component without a reading. Outliers are beyond `limit` sigma; samples near one are left out of noise
     too, for an oscillation fades slowly; each time the noise is smaller. `parameters` were fitted to each component.
     """
-    removed = parameters + sum(slow.shape[1] for _, slow, _ in pieces)
+    removed = parameters + sum(slow.shape[1] for _, slow, _ in pieces)  # of each component
     order = max(min(noise_order, sum(valid.sum() for *_, valid in pieces) // 40), 1)
     retained, step = [valid for *_, valid in pieces], float(aligned["step"])
     wide = np.ones(2 * int(TOGETHER_S / step) + 1, dtype=bool)
@@ -347,7 +347,7 @@ def _transients(aligned, pieces, residuals, models, limit):
 
 
 def check(solution: xr.Dataset, *, agreement_limit: float, delay_limit_s: float) -> xr.Dataset:
-    """Checks of the result: its parts by the probability that they disagree so much, tags of firings by their delay."""
+    """Checks of the result: probability that its parts disagree so much, delay of the tags of firings."""
     delay = solution["value"].values[list(map(str, solution["parameter"].values)).index("delay")]
     made = [checks.at_most("tags of firings against readings", abs(float(delay)), delay_limit_s, "s")]
     return checks.product([*made[: int(np.isfinite(delay))], *named_parameters.checks(solution, agreement_limit)])
