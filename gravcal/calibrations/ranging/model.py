@@ -157,7 +157,7 @@ def blocks(
     """
     time, segment, observed = rows["time"].values, rows["segment"].values, rows["observed"].values + added
     step, number = step_of(rows), np.floor((time - time[0]) / range_block_s).astype(int) * 8 + segment
-    parts = [np.flatnonzero(number == one) for one in np.unique(number)]
+    parts = [np.flatnonzero(number == one) for one in np.unique(number)]  # of one block and segment each
     parts = [part for part in parts if part.size * step > range_block_s / 2]
     if len(parts) < 2:
         revolutions = f"{len(parts)} blocks of {range_block_s:.0f} s that are at least half full"
@@ -168,7 +168,7 @@ def blocks(
     series = [least_squares.project_out(s, observed[p] - observed[p[0]]) for p, s in zip(parts, slow, strict=True)]
     series = [on_even_grid(time[part], step, one) for part, one in zip(parts, series, strict=True)]
     frequency = np.linspace(0, 0.5 / step, BINS + 1)
-    removed = sum(one.shape[1] for one in slow)
+    removed = sum(one.shape[1] for one in slow)  # parameters
     density = [fit_noise(series, noise_order, step, removed).density(frequency)] * len(parts)
     data = np.column_stack([observed, *([] if beside is None else beside.T)])
     knots = log_linear(KNOTS_HZ[KNOTS_HZ * step < 0.501], frequency), log_linear(LEVELS_HZ, frequency)
@@ -194,7 +194,7 @@ def _scored(parts, data, knots, level):
     slow = [least_squares.orthonormal(one.white(one.slow)) for one in parts]
     clean = [one.white(data[one.rows] - data[one.rows[0]]) for one in parts]
     clean = np.concatenate([own - basis @ (basis.T @ own) for own, basis in zip(clean, slow, strict=True)])
-    common = least_squares.orthonormal(clean[:, 1:])
+    common = least_squares.orthonormal(clean[:, 1:])  # directions of the columns of any size
     residual = np.column_stack([clean[:, 0] - common @ (common.T @ clean[:, 0]), common])
     cuts, count, width = np.cumsum([len(one) for one in slow])[:-1], knots[0].shape[1], level.shape[1]
     powers, all_weights = [], []
@@ -210,7 +210,7 @@ def _scored(parts, data, knots, level):
     begin = np.concatenate([np.zeros(count), level.ravel()])
     value, prior = begin, np.repeat([LOOSE, 1.0], [count, level.size])
     for _ in range(SCORINGS):
-        right = weights.T @ (power * np.exp(-weights @ (value - begin)) - 1) - prior * value
+        right = weights.T @ (power * np.exp(-weights @ (value - begin)) - 1) - prior * value  # gradient
         value = value + np.clip(np.linalg.solve(weights.T @ weights + np.diag(prior), right), -1, 1)
     covariance, knot_shares = np.linalg.inv(weights.T @ weights + np.diag(prior)), np.column_stack(knots)
     own = [np.r_[:count, count + k * width : count + (k + 1) * width] for k in range(len(parts))]
