@@ -207,7 +207,7 @@ def estimate(
     for number in range(ITERATIONS):
         candidates = causes(aligned, delay, amplitude)
         prior = np.concatenate([candidate.prior for candidate in candidates])
-        design = np.concatenate([candidate.columns[0] for candidate in candidates], axis=2) * prior
+        design = np.concatenate([candidate.columns[0] for candidate in candidates], axis=2) * prior  # in prior sigmas
         if value is not None:
             residuals = _left(pieces, observed - design @ (value / prior))
             models, cleaned = noises(aligned, pieces, residuals, noise_order, design.shape[2] // 6, transient_sigma)
