@@ -132,7 +132,7 @@ def estimate(
     groups = [group == number for number in np.unique(group)]
     information, right = (np.stack([each[g].sum(axis=0) for g in groups]) / factor for each in (information, right))
     normal, side, rest = information.sum(axis=0), right.sum(axis=0), slice(len(NAMES), None)  # steps of the cameras
-    chi2 = factor * side @ least_squares.stable_inverse(normal) @ side
+    chi2 = factor * side @ least_squares.stable_inverse(normal) @ side  # gain of all, less that of the camera steps
     chi2 -= factor * side[rest] @ least_squares.stable_inverse(normal[rest, rest]) @ side[rest]
     right += information[:, :, 3] * (delay - value[3])  # the last step of the delay was about this one
     prior_sigma = [effect("torque.thruster_firings").parameters[0].prior_sigma] * 3

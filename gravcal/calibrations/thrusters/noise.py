@@ -129,8 +129,8 @@ def densities(pieces: list[tuple], band: int, every: list[int], axes_b: np.ndarr
     for _ in range(ITERATIONS):
         density, gradient, information = np.exp(log_density), -prior @ log_density, prior.copy()
         for axes, measured, n in data:
-            solved = np.linalg.solve(axes * density @ axes.T, axes)
-            mutual = axes.T @ solved
+            solved = np.linalg.solve(axes * density @ axes.T, axes)  # S^-1 a_i
+            mutual = axes.T @ solved  # a_i' S^-1 a_k
             gradient += n * density * (np.einsum("mi,mk,ki->i", solved, measured, solved) - np.diag(mutual))
             information += n * np.outer(density, density) * mutual**2
         step = np.linalg.solve(information, gradient)
@@ -198,7 +198,7 @@ def _solved(ranges, every, axes_b, block_s):
     normal, side = information.sum(axis=0), right.sum(axis=0)
     bias = least_squares.stable_inverse(normal) @ side
     chi2, dof = named_parameters.agreement(information, right)
-    factor = max(1.0, (chi2_sum - bias @ side) / max(redundancy, 1), chi2 / max(dof, 1))
+    factor = max(1.0, (chi2_sum - bias @ side) / max(redundancy, 1), chi2 / max(dof, 1))  # of variances
     amplitude = np.exp(np.concatenate([slow, fast]) / 2)
     noise_covariance = block_diag(slow_covariance, fast_covariance) * np.outer(amplitude, amplitude) / 4
     covariance = block_diag(least_squares.covariance(normal) * factor, noise_covariance)
