@@ -10,7 +10,7 @@ refuse = functools.partial(errors.refuse, error=errors.GravcalError)
 
 
 def check_shape(name, values, shape):
-    """Array of floats of the given shape; ``None`` in shape stands for any length, a leading ``...`` for any axes."""
+    """Array of floats, checked for a shape; ``None`` in shape stands for any length, a leading ``...`` for any axes."""
     array = np.asarray(values, dtype=float)
     open_ended = shape[0] is Ellipsis
     wanted = shape[1:] if open_ended else shape
@@ -22,7 +22,7 @@ def check_shape(name, values, shape):
 
 
 def check_increasing(name, time, strictly=True):
-    """One-dimensional finite epochs in increasing order."""
+    """Array (n,) of finite epochs, checked to increase, or without strictly not to decrease."""
     array = check_shape(name, time, (None,))
     steps = np.diff(array)
     if not np.all(np.isfinite(array)):

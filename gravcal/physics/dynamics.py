@@ -39,7 +39,7 @@ class State:
 
 @dataclass(frozen=True)
 class Torque:
-    """Everything that turns the satellite."""
+    """Torques on the satellite, and its inertia."""
 
     inertia: np.ndarray  #: (3, 3) kg m2, about the CoM, in b
     edges: np.ndarray  #: (m + 1,) GPS s, strictly increasing; the dipole is constant between them and zero outside
@@ -132,7 +132,7 @@ def integrate_with_sensitivity(time, state, torque, max_step=2.0):
 
 
 def _propagate(time, state, torque, max_step, columns):
-    """Rows of quaternion, rate, rate derivative and sensitivity at each epoch."""
+    """Rows (n, 10 + 6 columns) of quaternion, rate, rate derivative and sensitivity at epochs (n,) GPS s."""
     time = check_increasing("integrate: time", time, strictly=False) - state.time
     out = np.empty((time.size, 10 + 6 * columns))
     if time.size == 0:
@@ -152,7 +152,7 @@ def _propagate(time, state, torque, max_step, columns):
 
 
 def _problem(torque, origin, duration):
-    """Inputs of the kernel, in seconds since the epoch of the state."""
+    """`Problem` of a Torque over `duration` s from an epoch, `origin` GPS s, which its times count from."""
     inertia = check_shape("torque.inertia", torque.inertia, (3, 3))
     edges = check_increasing("torque.edges", torque.edges) - origin
     dipole = check_shape("torque.dipole_b", torque.dipole_b, (max(edges.size - 1, 0), 3))
@@ -198,7 +198,7 @@ def _polynomials(torque, origin, duration):
 
 @njit(cache=True)
 def as_tuple(matrix):
-    """(3, 3) array to nine numbers by rows."""
+    """Nine numbers by rows of a matrix (3, 3)."""
     return (
         *(matrix[0, 0], matrix[0, 1], matrix[0, 2]),
         *(matrix[1, 0], matrix[1, 1], matrix[1, 2]),
@@ -208,13 +208,13 @@ def as_tuple(matrix):
 
 @njit(cache=True)
 def cross(a, b):
-    """A x b."""
+    """Vector product a x b of vectors of 3."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 @njit(cache=True)
 def matvec(M, v):
-    """M v."""
+    """M v, of nine numbers by rows and a vector of 3."""
     return (
         M[0] * v[0] + M[1] * v[1] + M[2] * v[2],
         M[3] * v[0] + M[4] * v[1] + M[5] * v[2],
@@ -224,7 +224,7 @@ def matvec(M, v):
 
 @njit(cache=True)
 def matmul(M, N):
-    """M N."""
+    """M N, of nine numbers by rows each."""
     return (
         *(M[0] * N[0] + M[1] * N[3] + M[2] * N[6], M[0] * N[1] + M[1] * N[4] + M[2] * N[7]),
         *(M[0] * N[2] + M[1] * N[5] + M[2] * N[8], M[3] * N[0] + M[4] * N[3] + M[5] * N[6]),
@@ -236,7 +236,7 @@ def matmul(M, N):
 
 @njit(cache=True)
 def rotation(q):
-    """R_bi of a scalar-first quaternion; Remote Sens. 2022, 14, 4030, eq. 11."""
+    """R_bi by rows of a scalar-first quaternion; Remote Sens. 2022, 14, 4030, eq. 11."""
     s, x, y, z = q[0], q[1], q[2], q[3]
     return (
         *(s * s + x * x - y * y - z * z, 2 * (x * y + s * z), 2 * (x * z - s * y)),
@@ -247,7 +247,7 @@ def rotation(q):
 
 @njit(cache=True)
 def similarity(R, S):
-    """R S R^T of a symmetric S."""
+    """R S R^T of a symmetric S, six numbers."""
     a = matvec((S[0], S[1], S[2], S[1], S[3], S[4], S[2], S[4], S[5]), (R[0], R[1], R[2]))
     b = matvec((S[0], S[1], S[2], S[1], S[3], S[4], S[2], S[4], S[5]), (R[3], R[4], R[5]))
     c = matvec((S[0], S[1], S[2], S[1], S[3], S[4], S[2], S[4], S[5]), (R[6], R[7], R[8]))
@@ -258,7 +258,7 @@ def similarity(R, S):
 
 @njit(cache=True)
 def gradient_torque(J, S):
-    """vex(J G - G J) of a symmetric gradient."""
+    """Torque vex(J S - S J) of inertia J, nine by rows, in a symmetric gravity gradient S of six."""
     return (
         (J[6] * S[1] + J[7] * S[3] + J[8] * S[4]) - (J[3] * S[2] + J[4] * S[4] + J[5] * S[5]),
         (J[0] * S[2] + J[1] * S[4] + J[2] * S[5]) - (J[6] * S[0] + J[7] * S[1] + J[8] * S[2]),
@@ -302,7 +302,7 @@ def propagate(problem, time, y, max_step, out):
         h = (stop - start) / steps
         _derivative(problem, piece, start, y, K[0])
         for step in range(steps):
-            at = (piece, start + step * h, h)
+            at = (piece, start + step * h, h)  # interval between breaks, time s, step s
             while done < time.size and time[done] <= at[1]:
                 _record(problem, at, y, end, out[done])
                 done += 1
@@ -325,7 +325,7 @@ def propagate(problem, time, y, max_step, out):
 
 @njit(cache=True)
 def _step(problem, at, y, scratch, first, last):
-    """Derivatives K of some stages from those before; work becomes the state at the last of these."""
+    """Fill derivatives K of stages `first` to `last` - 1 of a step; work becomes the state at the last of these."""
     K, _, work = scratch
     piece, t, h = at
     for s in range(first, last):
@@ -335,7 +335,7 @@ def _step(problem, at, y, scratch, first, last):
 
 @njit(cache=True)
 def _dense(problem, at, y, scratch):
-    """Coefficients F of the seventh-order polynomial inside the step whose end is in work."""
+    """Fill coefficients F of the seventh-order polynomial inside the step whose end is in work."""
     K, F, work = scratch
     piece, t, h = at
     for i in range(y.size):
@@ -361,7 +361,7 @@ def _combine(weights, h, y, K, out):
 
 
 @njit(cache=True, fastmath={"contract"})
-def _interpolate(x, y, F, work):
+def _interpolate(x, y, F, work):  # fills work with the state at the share x of a step from y
     for i in range(y.size):
         value = ((F[6, i] * x + F[5, i]) * (1 - x) + F[4, i]) * x + F[3, i]
         work[i] = (((value * (1 - x) + F[2, i]) * x + F[1, i]) * (1 - x) + F[0, i]) * x + y[i]
@@ -377,7 +377,7 @@ def normalise(y):
 
 @njit(cache=True)
 def _record(problem, at, y, work, row):
-    """One line of output; work is scratch."""
+    """Write a row of output from a state y at `at` (interval, time s, step s); work is scratch."""
     _derivative(problem, at[0], at[1], y, work)
     row[:7] = y[:7]
     normalise(row)
@@ -387,7 +387,7 @@ def _record(problem, at, y, work, row):
 
 @njit(cache=True)
 def _shift_edge(problem, piece, t, y):
-    """Last column of the sensitivity: J^-1 (torque before - torque after) for each second the edge comes later."""
+    """Add to the last sensitivity: J^-1 (torque before - torque after) for each second the edge comes later."""
     columns = (y.size - 7) // 6
     if columns == 0:
         return
@@ -403,7 +403,7 @@ def _shift_edge(problem, piece, t, y):
 
 @njit(cache=True)
 def _derivative(problem, piece, t, y, dy):
-    """Right-hand side: kinematics, Euler's equation, variational equations."""
+    """Write the derivative dy of a state y at t s: kinematics, Euler's equation, variational equations."""
     J, R, w = as_tuple(problem.inertia), rotation(y), (y[4], y[5], y[6])
     at, x = _locate(problem.knots, t)
     B = matvec(R, _field(problem.spline[at], x))
@@ -434,7 +434,7 @@ def _derivative(problem, piece, t, y, dy):
 
 @njit(cache=True)
 def _torque_by_angle(m, s, B, gravity):
-    """Torque change: scale [m x][B x] = scale (B m^T - m.B 1), and the gravity-gradient part."""
+    """Torque by error angle, nine by rows: scale [m x][B x] = scale (B m^T - m.B 1), and that of gravity."""
     dot = m[0] * B[0] + m[1] * B[1] + m[2] * B[2]
     return (
         *(s[0] * (B[0] * m[0] - dot) + gravity[0], s[0] * B[0] * m[1] + gravity[1], s[0] * B[0] * m[2] + gravity[2]),
@@ -445,7 +445,7 @@ def _torque_by_angle(m, s, B, gravity):
 
 @njit(cache=True)
 def _torque_by_rate(J, w, H):
-    """[J w x] - [w x] J; Remote Sens. 2022, 14, 4030, eq. 27 with the opposite sign."""
+    """Torque by rate, nine by rows: [J w x] - [w x] J; Remote Sens. 2022, 14, 4030, eq. 27 with opposite sign."""
     wJ = matmul((0.0, -w[2], w[1], w[2], 0.0, -w[0], -w[1], w[0], 0.0), J)
     return (
         *(-wJ[0], -H[2] - wJ[1], H[1] - wJ[2]),
@@ -456,7 +456,7 @@ def _torque_by_rate(J, w, H):
 
 @njit(cache=True, fastmath={"contract"})
 def _variation(inverse, by_angle, by_rate, y, dy):
-    """Homogeneous part: angle' = rate - w x angle, rate' = J^-1 (by_angle angle + by_rate rate)."""
+    """Write the homogeneous part of dy: angle' = rate - w x angle, rate' = J^-1 (by_angle angle + by_rate rate)."""
     n = (y.size - 7) // 6
     wx, wy, wz = y[4], y[5], y[6]
     N, Q = matmul(inverse, by_angle), matmul(inverse, by_rate)
@@ -484,15 +484,15 @@ def _locate(knots, t):
 
 
 @njit(cache=True)
-def _field(c, x):
+def _field(c, x):  # T, by coefficients (4, 9) of an interval at x s from its start
     return (_cubic(c, 0, x), _cubic(c, 1, x), _cubic(c, 2, x))
 
 
 @njit(cache=True)
-def _gradient(c, x):
+def _gradient(c, x):  # s-2, six elements, likewise
     return (_cubic(c, 3, x), _cubic(c, 4, x), _cubic(c, 5, x), _cubic(c, 6, x), _cubic(c, 7, x), _cubic(c, 8, x))
 
 
 @njit(cache=True)
-def _cubic(c, column, x):
+def _cubic(c, column, x):  # value of one column at x
     return ((c[0, column] * x + c[1, column]) * x + c[2, column]) * x + c[3, column]

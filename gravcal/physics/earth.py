@@ -67,18 +67,18 @@ def gps_to_tt(time_gps):
 
 
 def geodetic(position_e):
-    """Geodetic latitude [rad], longitude [rad] and height [m] on WGS 84 of (..., 3) m, each (...,)."""
+    """Geodetic latitude rad, longitude rad and height m on WGS 84, each (...,), of positions (..., 3) m."""
     longitude, latitude, height = erfa.gc2gd(1, check_shape("position_e", position_e, (..., 3)))
     return latitude, longitude, height
 
 
 def position_from_geodetic(latitude, longitude, height):
-    """Earth-fixed position (..., 3) m of geodetic latitude, longitude [rad] and height [m] on WGS 84."""
+    """Earth-fixed position (..., 3) m of geodetic latitude rad, longitude rad and height m on WGS 84."""
     return erfa.gd2gc(1, longitude, latitude, height)
 
 
 def geocentric(position_e):
-    """Geocentric latitude [rad], longitude [rad] and radius [m] of (..., 3) m, each (...,)."""
+    """Geocentric latitude rad, longitude rad and radius m, each (...,), of positions (..., 3) m."""
     x, y, z = np.moveaxis(check_shape("position_e", position_e, (..., 3)), -1, 0)
     return np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x), np.sqrt(x**2 + y**2 + z**2)
 
@@ -104,7 +104,7 @@ def _julian(time, offset):
 
 
 def _orientation(time_gps):
-    """R_ei (n, 3, 3) and the rotation of the Earth-fixed frame in e (n, 3) rad s-1."""
+    """R_ei (n, 3, 3) and the angular velocity of the Earth-fixed frame in e (n, 3) rad s-1."""
     time = check_shape("time_gps", time_gps, (None,))
     if time.size == 0:
         return np.empty((0, 3, 3)), np.empty((0, 3))
@@ -119,7 +119,7 @@ def _orientation(time_gps):
 
 
 def _pole(time):
-    """Celestial intermediate pole: (X, Y, s) and rates of X, Y; by spline, or at each epoch if there are few."""
+    """Celestial intermediate pole: X, Y, s (3, n) rad and rates of X, Y (2, n) rad s-1; by spline unless few epochs."""
     grid = np.arange(time.min() - 3 * PRECESSION_STEP, time.max() + 4 * PRECESSION_STEP, PRECESSION_STEP)
     if 3 * time.size < grid.size:
         before, here, after = (_pole_at(time + lag) for lag in (-PRECESSION_STEP, 0.0, PRECESSION_STEP))
@@ -128,7 +128,7 @@ def _pole(time):
     return spline(time), spline(time, 1)[:2]
 
 
-def _pole_at(time):
+def _pole_at(time):  # X, Y, s (3, n) rad of IAU 2006/2000A at GPS seconds (n,)
     return np.stack(erfa.xys06a(*gps_to_tt(time)))
 
 
@@ -157,13 +157,13 @@ def orientation_parameters(time_gps):
 
 
 def _numbers(lines, begin, end):
-    """One column as floats, NaN where blank."""
+    """One column (n,) of the lines of a table, characters begin to end, as floats, NaN where blank."""
     return np.array([float(line[begin:end].strip() or "nan") for line in lines])
 
 
 @lru_cache
 def _table():
-    """GPS epoch, xp, yp, UT1 - TAI, dX, dY: (6, n). UT1 - TAI has no leaps, so it can be interpolated."""
+    """Rows GPS epoch s, xp, yp rad, UT1 - TAI s, dX, dY rad (6, n). UT1 - TAI has no leaps: it can be interpolated."""
     lines, values = (TABLES / "finals2000A.all").read_text().splitlines(), {}
     lines = [line for line in lines if line[58:68].strip()]  # with polar motion and UT1
     for name, (final, rapid, unit) in COLUMNS.items():

@@ -91,7 +91,7 @@ def attitude_error(quaternion, reference):
 
 
 def interpolate(time, quaternion, at):
-    """Attitude (m, 4), signs continuous, between given epochs at constant rate from each to the next.
+    """Attitude (m, 4), signs continuous, at epochs `at` (m,) s: constant rate from each known epoch to the next.
 
     Times (n,) s increase; quaternions (n, 4), scalar first, have any signs; an epoch (m,) outside is refused.
     """
@@ -107,7 +107,7 @@ def interpolate(time, quaternion, at):
     return continuous(slerp(at - origin).as_quat(scalar_first=True))
 
 
-def _unflatten(method, quaternion, core):
+def _unflatten(method, quaternion, core):  # method of Rotation applied to unit quaternions (..., 4), axes kept
     q = check_shape(method.__name__, quaternion, (..., *core))
     if not np.all(np.abs(np.einsum("...i,...i->...", q, q) - 1) < 1e-6):
         worst = np.linalg.norm(q, axis=-1).ravel()

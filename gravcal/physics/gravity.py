@@ -40,14 +40,12 @@ def acceleration_i(position_i):
 
 
 def gradient_i(position_i):
-    """Gravity-gradient tensor dg/dr (..., 3, 3) s-2 of point mass and J2, symmetric, without trace.
-
-    All elements are computed from their own terms; positions as of acceleration_i.
+    """Gravity-gradient tensor dg/dr (..., 3, 3) s-2, point mass and J2, at positions (..., 3) m, each element apart.
 
     Notes
     -----
     G = mu/r^3 (3 e e^T - 1) (equations.md section 1) plus the derivative of the J2 term of acceleration_i, both as the
-    series of `gradient_e` of C_00 = 1 and C_20 = -J2 / sqrt(5).
+    series of `gradient_e` of C_00 = 1 and C_20 = -J2 / sqrt(5). Symmetric, without trace.
     """
     position = check_shape("position_i", position_i, (..., 3))
     _distance(position)
@@ -55,12 +53,13 @@ def gradient_i(position_i):
 
 
 def rotate_tensor(R_ab, tensor_b):
-    """Second-order tensor (..., 3, 3) in another frame: R T R^T, R = R_ab takes it from b to a."""
+    """Second-order tensor (..., 3, 3) in another frame: R T R^T, R = R_ab from b to a."""
     R = check_shape("rotate_tensor", R_ab, (..., 3, 3))
     return R @ tensor_b @ np.swapaxes(R, -1, -2)
 
 
 def _distance(r):
+    """Distance (...,) m of positions (..., 3) m, checked to be that of an orbit."""
     distance = np.linalg.norm(r, axis=-1)
     if np.any(distance < 1e6):
         nearest = f"{distance.min():.3f} m from the Earth's centre"
@@ -93,7 +92,7 @@ class Field:
 
     @cached_property
     def tables(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Arguments of `sum_series` for the six second derivatives."""
+        """Arguments of `sum_series` for the six second derivatives of PAIRS."""
         once = {axis: derivative(self.cosine - 1j * self.sine, axis) for axis in "xyz"}
         return kernel_tables([derivative(once[first], second) for first, second in PAIRS])
 
@@ -118,13 +117,14 @@ def gradient_e(field, position_e):
 
 
 def _gradient(field, position):
+    """Gradient tensor (..., 3, 3) s-2 of a Field at positions (..., 3) m in its frame, not checked."""
     sums = sum_series(np.ascontiguousarray(position.reshape(-1, 3) / field.radius), *field.tables)
     six = (field.gm / field.radius**3 * sums).reshape(*position.shape[:-1], len(PAIRS))
     return six[..., [[0, 1, 2], [1, 3, 4], [2, 4, 5]]]
 
 
 def truncated(field, lowest, highest):
-    """The part of a Field between two degrees, both kept."""
+    """Field of the degrees from lowest to highest, both kept."""
     kept = slice(0, min(highest, field.degree) + 1)
     blank = np.arange(field.degree + 1)[kept, None] < lowest
     parts = field.cosine, field.sine, field.cosine_sigma, field.sine_sigma
@@ -133,7 +133,7 @@ def truncated(field, lowest, highest):
 
 
 def zonal(field, degree):
-    """The zonal term of one degree of a Field."""
+    """Field of the zonal term of one degree."""
     cosine = np.zeros((degree + 1, degree + 1))
     cosine[degree, 0] = field.cosine[degree, 0]
     return Field(field.gm, field.radius, cosine, np.zeros_like(cosine), name=f"{field.name} zonal degree {degree}")
@@ -192,7 +192,7 @@ def derivative(K, axis):
 
 
 def kernel_tables(series):
-    """Arguments of `sum_series`: coefficients by order and degree above it, and the recursion's factors."""
+    """`sum_series` arguments from coefficients K of each series: by order and degree above it, recursion factors."""
     orders = series[0].shape[0]
     table, (alpha, beta) = np.zeros((orders, orders, 2 * len(series))), np.zeros((2, orders, orders))
     m = np.arange(1, orders)

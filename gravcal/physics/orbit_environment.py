@@ -1,4 +1,4 @@
-"""Sunlight, warmth and the axis of the geomagnetic dipole along an orbit: what slow disturbances follow."""
+"""Drivers of slow disturbances along an orbit: sunlight, warmth and the axis of the geomagnetic dipole."""
 
 import erfa
 import numpy as np
@@ -22,7 +22,7 @@ def sun_i(time_gps):
 
 
 def sunlit(position_i, sun):
-    """True (n,) where positions (n, 3) m are outside the cylinder of the Earth's shadow, the Sun at (n, 3)."""
+    """True (n,) where positions (n, 3) m are outside the cylinder of the Earth's shadow; sun (n, 3) its direction."""
     along = np.sum(position_i * sun, axis=-1)
     return (along > 0) | (np.linalg.norm(position_i - along[..., None] * sun, axis=-1) > EARTH_RADIUS)
 
@@ -44,9 +44,9 @@ def warmth(time, time_orbit, position_i, lag_s=WARMING_S):
     along = ((nodes - nodes[0]) / max(nodes[-1] - nodes[0], 1.0))[:, None]
     light = sunlit(position, sun[0] + along * (sun[1] - sun[0])).astype(float)
     keep, state, values = np.exp(-STEP_S / lag_s), light.mean(), np.empty(nodes.size)
-    for k, one in enumerate(light):
+    for k, lit in enumerate(light):
         values[k] = state
-        state = one + (state - one) * keep
+        state = lit + (state - lit) * keep
     return np.interp(time, nodes, values)
 
 
@@ -58,7 +58,7 @@ def dipole_axis_i(time_gps):
 
 
 def extras(time, time_orbit, position_i, R_bi, mass, force_b):
-    """What slow disturbances follow, as effects look for it, at times (n,) s along an orbit (k,) s, (k, 3) m.
+    """Drivers of slow disturbances, `Context.extra` of effects, at times (n,) s along an orbit (k,) s, (k, 3) m.
 
     mass kg; non_gravitational_b, the mean drag force_b (3,), and radiation_b (n, 3) m s-2; warmth (n,) 1; axis_b (n, 3)
     1. Radiation of `PUSH` m s-2 away from the Sun while it is up; the size is assumed, the shape is what matters.

@@ -1,4 +1,4 @@
-"""What the sensors feel: the proof mass beside the centre of mass reads f = a_ng + T p (equations.md, M1).
+"""Acceleration at a sensor: a proof mass off the centre of mass reads f = a_ng + T p (equations.md, M1).
 
 Every offset p points from the satellite's centre of mass (CoM) to the sensor. The CoM paper's d is -p.
 """
@@ -8,7 +8,7 @@ from gravcal.physics.frames import cross_matrix
 
 
 def offset_tensor(rate_b, rate_dot_b, gradient_b):
-    """Tensor T of the extra acceleration T p felt at an offset p from the CoM.
+    """Tensor T of the acceleration T p that a sensor at an offset p from the CoM reads in addition.
 
     Parameters
     ----------

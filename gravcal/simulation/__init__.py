@@ -14,7 +14,7 @@ from gravcal.errors import CatalogError, refuse
 
 
 def by_slug(strengths: Mapping[str, float] | None) -> dict[str, dict[str, float]]:
-    """Values by effect, {slug: {parameter: value}}, from {"slug.parameter": value}, SI, or None."""
+    """Values {slug: {parameter: value}} of effects, from {"slug.parameter": value}, SI, or None."""
     values: dict[str, dict[str, float]] = {}
     for name, value in (strengths or {}).items():
         slug, _, parameter = name.rpartition(".")
@@ -27,7 +27,7 @@ def by_slug(strengths: Mapping[str, float] | None) -> dict[str, dict[str, float]
 
 
 def of_channels(*channels: str) -> tuple[str, ...]:
-    """Effects that act on one of these channels."""
+    """Slugs of the effects that act on one of these channels, keys of CHANNELS."""
     return tuple(slug for slug, entry in catalogue().items() if entry.channel in channels)
 
 

@@ -36,7 +36,7 @@ class Planned:
 
 
 def plan(chosen, full_scale: float) -> list[Planned]:
-    """Manoeuvres of the settings, or of their design; full_scale in mA."""
+    """List of Planned, of the settings or of their design; full_scale of the current of a rod in mA."""
     if not chosen.design:
         usual, flown = (chosen.manoeuvre_s, chosen.manoeuvre_current_share), catalog.design(PUBLISHED).manoeuvres
         flown = sorted(flown, key=lambda one: one.facts["latitude_class"], reverse=True)
@@ -54,10 +54,11 @@ def plan(chosen, full_scale: float) -> list[Planned]:
     return made
 
 
-def _planned(one, item, name, duration, share):
-    area = dict(zip(("lat_min", "lat_max"), one.facts["latitude_deg"], strict=True))
-    area |= dict(zip(("lon_min", "lon_max"), one.facts.get("longitude_deg", ()), strict=False))
-    return Planned(one.kind, name, area, "xyz".index(one.facts["rod"]), duration, share, item)
+def _planned(manoeuvre, item, name, duration, share):
+    """Planned of a manoeuvre, number `item` of a design; duration s, share of the full scale of the current."""
+    area = dict(zip(("lat_min", "lat_max"), manoeuvre.facts["latitude_deg"], strict=True))
+    area |= dict(zip(("lon_min", "lon_max"), manoeuvre.facts.get("longitude_deg", ()), strict=False))
+    return Planned(manoeuvre.kind, name, area, "xyz".index(manoeuvre.facts["rod"]), duration, share, item)
 
 
 @dataclass(frozen=True)
@@ -79,7 +80,7 @@ class Scene:
 
 
 def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
-    """Orbit, manoeuvre times and true values."""
+    """Scene with orbit, manoeuvre times and true values drawn from rng; chosen: settings, day: GPS s of midnight."""
     planned = plan(chosen, float(satellite["torquer_full_scale"]))
     for _ in range(200):
         path = flight.drawn(chosen, chosen.eccentricity, day, day + constants.DAY, rng)
@@ -115,7 +116,7 @@ def draw_scene(satellite: Mapping, chosen, day: float, rng) -> Scene:
 
 
 def _starts(path, planned, chosen, day):
-    """Times s at which each manoeuvre may start: its middle in its area, all of it in a window of the day."""
+    """Times (n,) s at which each manoeuvre may start: its middle in its area, all of it in a window of the day."""
     time = np.arange(day + 600, day + constants.DAY - 1200, 10.0)
     position_e = np.matvec(earth.R_ei(time), path(time)[:, :3])
     latitude = np.degrees(np.arcsin(position_e[:, 2] / np.linalg.norm(position_e, axis=1)))
@@ -134,7 +135,7 @@ def _starts(path, planned, chosen, day):
 
 
 def room(satellite: Mapping, chosen, day: float) -> Callable:
-    """Function of the number (n,) of each manoeuvre of a design -> share of drawn orbits in which all find times."""
+    """Function: numbers (n,) of each manoeuvre of a design -> share of ORBITS drawn orbits in which all have a time."""
     planned = plan(chosen, float(satellite["torquer_full_scale"]))
     drawn = (np.random.default_rng(seed) for seed in range(ORBITS))
     paths = [flight.drawn(chosen, chosen.eccentricity, day, day + constants.DAY, rng) for rng in drawn]
@@ -148,13 +149,13 @@ def room(satellite: Mapping, chosen, day: float) -> Callable:
 
 
 def _spans(start, stop, chosen, day):
-    """Times that are written: whole seconds round each manoeuvre, or the day."""
+    """Times (s, 2) s that are written: whole seconds round each manoeuvre, overlapping ones joined, or the day."""
     if chosen.span == "day" or start.size == 0:
         length = constants.DAY if chosen.span == "day" else 2 * chosen.quiet_s
         return np.array([[day, day + length]])
     begin, end = np.floor(start - chosen.quiet_s), np.maximum.accumulate(np.ceil(stop + chosen.quiet_s))
-    apart = begin[1:] > end[:-1] + 10
-    joined = np.stack([begin[np.append(True, apart)], end[np.append(apart, True)]], axis=1)
+    separate = begin[1:] > end[:-1] + 10
+    joined = np.stack([begin[np.append(True, separate)], end[np.append(separate, True)]], axis=1)
     return np.clip(joined, day, day + constants.DAY)
 
 
@@ -184,7 +185,7 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
 
 
 def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
-    """Motion and readings of one contiguous span."""
+    """Level-1 columns {product: {column: array}} of one contiguous span (2,) s: motion flown, then read."""
     epochs = sensors.draw_epochs(span, clock, effects, satellite)
     nodes = np.arange(np.floor(span[0]) - 8, np.ceil(span[1]) + 8)
     around = flight.environment(nodes, scene.orbit, satellite["x_along_velocity"], chosen.igrf_generation)
@@ -192,7 +193,7 @@ def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
     body = flight.Body(
         scene.inertia_b,
         chosen.control_frequency_rad_s,
-        1.0,
+        1.0,  # damping
         chosen.control_current_ma * float(np.mean(scene.dipole_per_current)),
         satellite["torquer_current_step"] * float(np.mean(scene.dipole_per_current)),
     )
@@ -223,7 +224,7 @@ def _fly_span(span, scene, satellite, chosen, effects, clock, rng):
 
 
 def _steps(span, epochs, scene, satellite, chosen, rng):
-    """Steps that end at every epoch that is read, at every edge and at every control update."""
+    """`flight.Steps` of a span (2,) s that end at every epoch that is read, every edge and every control update."""
     half = chosen.manoeuvre_period_s / 2
     edges = [np.arange(a, b + half / 2, half) for a, b in zip(scene.start, scene.stop, strict=True)]
     edges = np.concatenate([e for e in edges if e[0] > span[0] and e[-1] < span[1]] or [np.zeros(0)])
@@ -244,15 +245,15 @@ def _steps(span, epochs, scene, satellite, chosen, rng):
 
 
 def _motion(steps, around, scene, states, control, added):
-    """True motion at every bound, values after an edge."""
-    pad = [np.concatenate([a, a[-1:]]) for a in (control[0] + added[0][:, 0], control[1] + added[1][:, 0])]
+    """`sensors.Motion` at every bound, values after an edge; control and added hold dipole and torque of each step."""
+    applied = [np.concatenate([a, a[-1:]]) for a in (control[0] + added[0][:, 0], control[1] + added[1][:, 0])]
     rods = np.concatenate([control[0], control[0][-1:]])
     position_i, field_i = (lines_between(steps.bound, around.time, one) for one in (around.position_i, around.field_i))
     quaternion, rate = states[:, :4], states[:, 4:]
     R_bi = frames.R_bi_from_quaternion(quaternion)
     field_b = np.matvec(R_bi, field_i)
     gradient_b = R_bi @ gravity.gradient_i(position_i) @ np.swapaxes(R_bi, 1, 2)
-    torque = np.cross(pad[0], field_b) + pad[1] + dynamics.gravity_gradient_torque(scene.inertia_b, gradient_b)
+    torque = np.cross(applied[0], field_b) + applied[1] + dynamics.gravity_gradient_torque(scene.inertia_b, gradient_b)
     return sensors.Motion(
         time=steps.bound,
         quaternion=quaternion,
@@ -267,11 +268,10 @@ def _motion(steps, around, scene, states, control, added):
 def library(limits: Mapping, causes=()) -> list[dict]:
     """Manoeuvres that may be flown within some limits, as tables of a design: every rod where it turns the satellite.
 
-    What a manoeuvre tells grows with the square of its current; only causes that are not linear need more than one.
-    Limits are duration_s, period_s, current_ma, rods, latitude_deg as of `gravcal design --constraints`, causes those
-    that are to be told apart.
+    Information grows with the square of the current; only causes that are not linear need more than one current.
+    Limits: duration_s, period_s, current_ma, rods, latitude_deg of `gravcal design --constraints`; causes: to separate.
     """
-    made, (south, north) = [], limits["latitude_deg"]
+    tables, (south, north) = [], limits["latitude_deg"]
     currents = sorted(np.atleast_1d(limits["current_ma"]).tolist(), reverse=True)
     currents = currents if any(not effect(slug).linear for slug in causes) else currents[:1]
     for middle in range(-75, 90, 15):
@@ -281,17 +281,17 @@ def library(limits: Mapping, causes=()) -> list[dict]:
         useful = {"x": abs(middle) >= 30, "y": True, "z": abs(middle) <= 60}
         for rod in (one for one in limits["rods"] if useful[one]):
             kind = "pitch" if rod != "y" else "roll" if abs(middle) >= 45 else "yaw"
-            fixed = {"kind": kind, "duration_s": limits["duration_s"], "period_s": limits["period_s"]}
-            where = {"rod": rod, "latitude_deg": [middle - 5.0, middle + 5.0]}
-            made += [fixed | {"current_ma": current} | where for current in currents]
-    return made
+            timing = {"kind": kind, "duration_s": limits["duration_s"], "period_s": limits["period_s"]}
+            place = {"rod": rod, "latitude_deg": [middle - 5.0, middle + 5.0]}
+            tables += [timing | {"current_ma": current} | place for current in currents]
+    return tables
 
 
 def measured_noise(usual, known, measured) -> dict:
-    """Settings with the noise of the linear channels as "com_offset.noise" has it, {} where it has none.
+    """Settings with the noise of the linear channels in "com_offset.noise" (`measured`), {} where it has none.
 
-    From 0.05 Hz to the low-pass the densities are those measured before it, beyond as many times those of the usual
-    settings as at the ends. Of angular channels, star cameras and magnetometer a calibration measures no noise.
+    From 0.05 Hz to the low-pass of the calibration's settings, `known`, the densities are those measured before it,
+    beyond as many times the `usual` ones as at the ends. Angular channels, star cameras, magnetometer: not measured.
     """
     if measured.attrs["source_of_noise"] != "quiet data":
         return {}
@@ -303,8 +303,8 @@ def measured_noise(usual, known, measured) -> dict:
     )[0]
     settings = {}
     for axis, density in zip("xyz", measured["density"].values, strict=True):
-        before = np.array(getattr(usual, f"linear_noise_{axis}"))
-        there = np.sqrt(np.interp(band, measured["frequency"].values, density)) / gain
-        share = np.interp(node, band, there / np.interp(band, node, before))
-        settings[f"linear_noise_{axis}"] = (before * share).tolist()
+        usual_amplitude = np.array(getattr(usual, f"linear_noise_{axis}"))
+        amplitude = np.sqrt(np.interp(band, measured["frequency"].values, density)) / gain
+        ratio = np.interp(node, band, amplitude / np.interp(band, node, usual_amplitude))
+        settings[f"linear_noise_{axis}"] = (usual_amplitude * ratio).tolist()
     return settings

@@ -15,11 +15,8 @@ from gravcal.physics.dynamics import as_tuple, cross, matvec, normalise, rotatio
 
 
 def initial_state(altitude: float, inclination: float, eccentricity: float, node: float, argument: float) -> np.ndarray:
-    """State (6,) m, m s-1 at perigee, of a semi-major axis so many m above the equatorial radius; angles in rad.
-
-    The argument is both that of perigee and the place of the start.
-    """
-    axis = EARTH_RADIUS + altitude
+    """State (6,) m, m s-1 at perigee, its start; altitude m of the semi-major axis, argument of perigee; angles rad."""
+    axis = EARTH_RADIUS + altitude  # m, semi-major
     radius = axis * (1 - eccentricity)
     speed = np.sqrt(GM * (2 / radius - 1 / axis))
     along = np.array([np.cos(argument), np.sin(argument)])
@@ -49,7 +46,7 @@ def fly_orbit(state_i: np.ndarray, start: float, stop: float) -> Callable[[np.nd
 
 @numba.njit(cache=True)
 def _pull(state, gm, radius, j2, out):
-    """Velocity and acceleration of point mass and flattening, pole along z."""
+    """Write velocity and acceleration (6,) of a state (6,) into `out`: point mass and flattening, pole along z."""
     x, y, z = state[0], state[1], state[2]
     square = x * x + y * y + z * z
     central = -gm / (square * np.sqrt(square))
@@ -63,7 +60,7 @@ def _pull(state, gm, radius, j2, out):
 
 @numba.njit(cache=True)
 def _march(state, count, step, gm, radius, j2):
-    """Fourth-order Runge-Kutta; (count, 6) states `step` seconds apart."""
+    """States (count, 6) m, m s-1, `step` s apart, from a first one by Runge-Kutta of fourth order."""
     states, slope = np.empty((count, 6)), np.empty((4, 6))
     states[0] = state
     for k in range(1, count):
@@ -102,13 +99,13 @@ def windows(text: str) -> np.ndarray:
 
 
 def within_windows(since: np.ndarray, duration: float, allowed: np.ndarray) -> np.ndarray:
-    """Whether what begins at times (...,) s of the day and lasts so long is inside one of the windows (k, 2)."""
+    """True where what begins at (...,) s of the day and lasts `duration` s is inside one of the windows (k, 2) s."""
     since = np.asarray(since)[..., None]
     return np.any((since >= allowed[:, 0]) & (since + duration <= allowed[:, 1]), axis=-1)
 
 
 def schedule(starts_by_kind: list[np.ndarray], spacing: float) -> np.ndarray | None:
-    """Earliest start s of each manoeuvre in turn, at least `spacing` apart; None if one finds no place."""
+    """Earliest allowed start s of each manoeuvre in turn, at least `spacing` s apart; None if one finds no place."""
     taken: list[float] = []
     for starts in starts_by_kind:
         free = np.ones(starts.size, dtype=bool)
@@ -132,7 +129,7 @@ class Steps:
 
 @dataclass(frozen=True)
 class Environment:
-    """What the satellite flies through, at evenly spaced nodes."""
+    """Position, field and target attitude at evenly spaced nodes."""
 
     time: np.ndarray  #: (k,) s, nodes
     position_i: np.ndarray  #: (k, 3) m
@@ -142,7 +139,7 @@ class Environment:
 
 
 def environment(time, path, x_along_velocity: float, generation: int) -> Environment:
-    """Position, field of an IGRF generation and wanted attitude along an orbit at even epochs (k,) s."""
+    """Position, field of an IGRF generation and target attitude along an orbit at even epochs (k,) s."""
     state, R_ei = path(time), earth.R_ei(time)
     field_e = magnetic.field_e(time, np.matvec(R_ei, state[:, :3]), generation)
     target, rate = nominal_attitude(state, x_along_velocity)
@@ -151,18 +148,18 @@ def environment(time, path, x_along_velocity: float, generation: int) -> Environ
 
 @dataclass(frozen=True)
 class Body:
-    """Inertia, gains and limits."""
+    """Inertia of the satellite, gains and limits of its attitude control."""
 
     inertia_b: np.ndarray  #: (3, 3) kg m2
     frequency: float  #: rad s-1, of the controlled attitude
     damping: float  #: 1
     dipole_limit: float  #: A m2, saturation of a rod under control
-    dipole_step: float  #: A m2, quantum of it
+    dipole_step: float  #: A m2, resolution of its dipole
 
 
 @numba.njit(cache=True)
 def _at(time, nodes, values, c):
-    """Three numbers from column c on of values at even nodes, linear in time."""
+    """Three elements from column c on of values (k, m) at even nodes (k,) s, linear in time."""
     step = nodes[1] - nodes[0]
     k = min(max(int((time - nodes[0]) / step), 0), nodes.size - 2)
     u, a, b = (time - nodes[k]) / step, values[k], values[k + 1]
@@ -171,7 +168,7 @@ def _at(time, nodes, values, c):
 
 @numba.njit(cache=True)
 def _slope(state, dipole, torque, field_i, position_i, body, out):
-    """Kinematics and Euler's equation with the torques of dipole, gravity gradient and others."""
+    """Write the derivative of a state (7,) into `out`: kinematics; Euler's equation, all torques."""
     R, J, w = rotation(state), as_tuple(body[0]), (state[4], state[5], state[6])
     r, magnetic = matvec(R, position_i), cross(dipole, matvec(R, field_i))
     pull = 3 * GM / (r[0] ** 2 + r[1] ** 2 + r[2] ** 2) ** 2.5
@@ -188,11 +185,11 @@ def _slope(state, dipole, torque, field_i, position_i, body, out):
 
 @numba.njit(cache=True)
 def _decide(time, state, nodes, around, body, rods, gas):
-    """What the controller asks of rods and gas at an epoch, in place: a proportional-derivative torque.
+    """Set dipole of rods (3,) A m2 and torque of gas (3,) N m at an epoch, in place: proportional-derivative control.
 
     The rods make the part across the field, m = B x t / B^2, within their limit and in whole steps, the gas the rest.
     """
-    frequency, damping, limit, quantum = body[2, 0, 0], body[2, 0, 1], body[2, 0, 2], body[2, 1, 0]
+    frequency, damping, limit, quantum = body[2, 0, 0], body[2, 0, 1], body[2, 0, 2], body[2, 1, 0]  # packed by `fly`
     field = matvec(rotation(state), _at(time, nodes, around, 3))
     (s, x, y), (_, _, z), rate = _at(time, nodes, around, 6), _at(time, nodes, around, 7), _at(time, nodes, around, 10)
     sign = 1.0 if s * state[0] + x * state[1] + y * state[2] + z * state[3] >= 0 else -1.0
@@ -201,20 +198,20 @@ def _decide(time, state, nodes, around, body, rods, gas):
     error[1] = 2 * sign * (s * state[2] + x * state[3] - y * state[0] - z * state[1])
     error[2] = 2 * sign * (s * state[3] - x * state[2] + y * state[1] - z * state[0])
     for c in range(3):
-        push = frequency**2 * error[c] + 2 * damping * frequency * (state[4 + c] - rate[c])
-        torque[c] = -body[0, c, c] * push
+        acceleration = frequency**2 * error[c] + 2 * damping * frequency * (state[4 + c] - rate[c])
+        torque[c] = -body[0, c, c] * acceleration
     square = field[0] ** 2 + field[1] ** 2 + field[2] ** 2
     rods[0], rods[1], rods[2] = cross(field, torque)
     for c in range(3):
         rods[c] = np.round(min(max(rods[c] / square, -limit), limit) / quantum) * quantum
-    made = cross(rods, field)
+    by_rods = cross(rods, field)
     for c in range(3):
-        gas[c] = torque[c] - made[c]
+        gas[c] = torque[c] - by_rods[c]
 
 
 @numba.njit(cache=True)
 def _advance(state, h, start, rods, gas, added_dipole, added_torque, nodes, around, body, slope):
-    """One Runge-Kutta step of fourth order, in place."""
+    """Advance a state (7,) by h s, in place: one Runge-Kutta step of fourth order; slope (4, 7) is scratch."""
     mid, dipole, torque = np.empty(7), np.empty(3), np.empty(3)
     for stage in range(4):
         u = 0.0 if stage == 0 else (1.0 if stage == 3 else 0.5)
@@ -232,20 +229,21 @@ def _advance(state, h, start, rods, gas, added_dipole, added_torque, nodes, arou
 
 @numba.njit(cache=True)
 def _fly(bound, control, wave, wave_dipole, closed, rods, gas, added_dipole, added_torque, nodes, around, body, start):
+    """States (n + 1, 7) at the bounds; rods and gas (n, 3) are filled by the control if closed, else applied."""
     n = bound.size - 1
     states = np.empty((n + 1, 7))
     states[0] = start
-    state, held, push = start.copy(), np.zeros(3), np.zeros(3)
+    state, dipole, torque = start.copy(), np.zeros(3), np.zeros(3)
     slope = np.empty((4, 7))
     for k in range(n):
         if closed:
             if wave[k]:
-                held[:] = wave_dipole[k]
-                push[:] = 0.0
+                dipole[:] = wave_dipole[k]
+                torque[:] = 0.0
             elif control[k] or (k > 0 and wave[k - 1]):
-                _decide(bound[k], state, nodes, around, body, held, push)
-            rods[k] = held
-            gas[k] = push
+                _decide(bound[k], state, nodes, around, body, dipole, torque)
+            rods[k] = dipole
+            gas[k] = torque
         h = bound[k + 1] - bound[k]
         added = (added_dipole[k], added_torque[k])
         _advance(state, h, bound[k], rods[k], gas[k], added[0], added[1], nodes, around, body, slope)
@@ -263,8 +261,8 @@ def fly(
 ) -> tuple[np.ndarray, tuple[np.ndarray, np.ndarray]]:
     """Integrate the attitude by fourth-order Runge-Kutta over steps of at most 0.1 s, from quaternion and rate (7,).
 
-    Effects add dipole and torque (n, 2, 3) A m2, N m at both ends of each step. States (n + 1, 7) hold at the bounds;
-    with them come rods (n, 3) A m2 and gas (n, 3) N m, what the controller did, or those given, flown open loop.
+    Effects add dipole and torque (n, 2, 3) A m2, N m at both ends of each step. Returned are states (n + 1, 7) at the
+    bounds, and rods (n, 3) A m2 and gas (n, 3) N m of the controller, or those of `control`, flown open loop.
     """
     count = steps.bound.size - 1
     closed = control is None

@@ -20,7 +20,7 @@ KNOWN = (
     *(e.slug for e in EFFECTS),
     *("torque.aerodynamic", "torque.residual_dipole", "attitude.star_camera_misalignment"),
 )
-BEYOND = np.linalg.solve(np.vander(np.arange(6.0)).T, np.vander(np.arange(6.0, 9.0), 6).T).T  # a polynomial goes on
+BEYOND = np.linalg.solve(np.vander(np.arange(6.0)).T, np.vander(np.arange(6.0, 9.0), 6).T).T  # (3, 6) extrapolation
 PASSES = 5  # torque and motion in turn; gravity gradient and coupling are a tenth of the control: 1e-5 of the torque
 
 
@@ -69,7 +69,7 @@ def simulate(satellite: Mapping, chosen, field, day: float, seed: int, effects=N
 
 def _invented_drag(time, chosen, rng):
     """Non-gravitational acceleration (n, 3) m s-2 in b: against the flight, once and twice per revolution, wind."""
-    u = 2 * np.pi * (time - time[0]) / 5660.0
+    u = 2 * np.pi * (time - time[0]) / 5660.0  # argument of latitude: 5660 s a revolution
     phase = rng.uniform(0, 2 * np.pi, (2, 3))
     size = chosen.drag_m_s2
     mean, once, twice = size * np.array([[-1.0, 0.02, -0.05], [0.4, 0.15, 0.1], [0.15, 0.05, 0.05]])
@@ -79,7 +79,7 @@ def _invented_drag(time, chosen, rng):
 
 
 def coloured(time, corner, rng):
-    """Unit-variance noise through four poles at a corner frequency."""
+    """Noise (n,) of unit variance through four equal poles at a corner frequency Hz, at even times (n,) s."""
     step = time[1] - time[0]
     ahead = int(AHEAD / step)
     pole = np.exp(-2 * np.pi * corner * step)
@@ -92,7 +92,7 @@ def coloured(time, corner, rng):
 
 
 def _body(satellite, chosen, rng):
-    """True numbers of the satellite and its sensors, and what the file states of them."""
+    """Numbers of the satellite and its sensors by name, SI: true ones, and the positions that the file states."""
     position = np.array(satellite["sensor_position"]) + 1e-3 * np.array(chosen.mounting_mm).reshape(2, 3)
     if chosen.sensors == 1:
         position = position[:1]
@@ -113,7 +113,7 @@ def _body(satellite, chosen, rng):
 
 
 def _true_field(field, chosen, rng):
-    """The field as it is: the model and an error drawn from its standard deviations."""
+    """True gravity Field: the model and an error drawn from its standard deviations."""
     known = gravity.truncated(field, 0, chosen.field_degree)
     if known.cosine_sigma is None or chosen.field_error_scale == 0:
         return known
@@ -125,7 +125,7 @@ def _true_field(field, chosen, rng):
 
 
 def _motion(time, chosen, body, effects, field, drag, rng):
-    """Rates and gravity gradient at the epochs as a Context, orbit (n, 6), attitude (n, 4)."""
+    """Rates and gravity gradient at the epochs as a Context, orbit (n, 6) m, m s-1 in i, attitude (n, 4)."""
     beyond = chosen.step_s * np.arange(1, 4)
     padded = np.concatenate([time[0] - beyond[::-1], time, time[-1] + beyond])
     state = flight.drawn(chosen, chosen.eccentricity, padded[0], padded[-1], rng)(padded)
@@ -135,31 +135,31 @@ def _motion(time, chosen, body, effects, field, drag, rng):
     gradient_e = gravity.gradient_e(field, np.matvec(R_ei, state[inner, :3]))
     gradient_i = gravity.rotate_tensor(np.swapaxes(R_ei, -1, -2), gradient_e)
     disturbance = np.stack([coloured(time, chosen.torque_corner_hz, rng) for _ in range(3)], axis=1)
-    pushed = Context(time, inertia_b=body["inertia"], extra={"mass": body["mass"], "non_gravitational_b": drag})
+    context = Context(time, inertia_b=body["inertia"], extra={"mass": body["mass"], "non_gravitational_b": drag})
     external = chosen.torque_n_m * disturbance + body["mass"] * np.cross(body["pressure"], drag)
-    external = external + added(effects, "torque_b", pushed)
+    external = external + added(effects, "torque_b", context)
     if "torque.residual_dipole" in effects:
         field_i = np.matvec(np.swapaxes(R_ei, -1, -2), magnetic.field_e(time, np.matvec(R_ei, state[inner, :3]), 14))
         field_b = np.matvec(frames.R_bi_from_quaternion(nominal[inner]), field_i)
-        external = external + np.cross(added(effects, "dipole_b", pushed), field_b)
+        external = external + np.cross(added(effects, "dipole_b", context), field_b)
     J, W = body["inertia"], 2 * np.pi * chosen.control_hz
     plant = ([1.0], [1.0, 2 * chosen.control_damping * W, W**2])  # pointing error under a torque and the controller
     top, bottom, _ = cont2discrete(plant, chosen.step_s, method="foh")
     angle, coupling = np.zeros_like(drag), np.zeros_like(drag)
     for _ in range(PASSES):
-        turned = np.concatenate([(BEYOND @ angle[5::-1])[::-1], angle, BEYOND @ angle[-6:]])
-        quaternion = frames.continuous(frames.quaternion_product(nominal, frames.from_rotation_vector(turned)))
+        padded_angle = np.concatenate([(BEYOND @ angle[5::-1])[::-1], angle, BEYOND @ angle[-6:]])
+        quaternion = frames.continuous(frames.quaternion_product(nominal, frames.from_rotation_vector(padded_angle)))
         rates = kinematics.rates_from_attitude(padded - time[0], quaternion, half_width=3, degree=6)
         rate, rate_dot = (part[inner] for part in rates)
         gradient_b = gravity.rotate_tensor(frames.R_bi_from_quaternion(quaternion[inner]), gradient_i)
         angle_rate = np.gradient(angle, chosen.step_s, axis=0, edge_order=2)
         control = -np.matvec(J, W**2 * angle + 2 * chosen.control_damping * W * angle_rate)
-        taken = np.matvec(J, rate_dot) + np.cross(rate, np.matvec(J, rate))
-        taken = taken - dynamics.gravity_gradient_torque(J, gradient_b)
-        coupling = coupling + (taken - (external + control))  # the torque that the motion takes beyond what is applied
-        push = np.matvec(np.linalg.inv(J), external - coupling)
-        settled = np.concatenate([np.repeat(push[:1], int(AHEAD / chosen.step_s), axis=0), push])
-        angle = lfilter(np.squeeze(top), bottom, settled, axis=0)[-len(push) :]
+        required = np.matvec(J, rate_dot) + np.cross(rate, np.matvec(J, rate))
+        required = required - dynamics.gravity_gradient_torque(J, gradient_b)
+        coupling = coupling + (required - (external + control))  # torque of the motion beyond what is applied
+        acceleration = np.matvec(np.linalg.inv(J), external - coupling)
+        led_in = np.concatenate([np.repeat(acceleration[:1], int(AHEAD / chosen.step_s), axis=0), acceleration])
+        angle = lfilter(np.squeeze(top), bottom, led_in, axis=0)[-len(acceleration) :]
     motion = Context(
         time, rate_b=rate, rate_dot_b=rate_dot, gradient_b=gradient_b, extra={"positions": body["position"]}
     )
@@ -167,7 +167,7 @@ def _motion(time, chosen, body, effects, field, drag, rng):
 
 
 def _readings(motion, state_i, quaternion, body, drag, effects):
-    """Relative acceleration and angular acceleration of each test mass, without noise."""
+    """Linear and angular acceleration (n, s, 3) m s-2, rad s-2 read by each of s test masses, without noise."""
     tensor = sensing.offset_tensor(motion.rate_b, motion.rate_dot_b, motion.gradient_b)
     linear = np.stack([-drag - np.matvec(tensor, p) for p in body["position"]], axis=1)
     J = body["test_mass_inertia"]

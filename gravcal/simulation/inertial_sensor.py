@@ -55,7 +55,7 @@ class Hidden:
     epoch: float = 0.0
 
     def added(self, channel: str, time: np.ndarray) -> np.ndarray:
-        """What they add to a channel that looks at nothing but time."""
+        """Sum of the effects on a channel that depends on the time (n,) s alone, 0.0 without any."""
         return added(self.effects, channel, Context(time, epoch=self.epoch))
 
 
@@ -137,9 +137,9 @@ def sessions(limits: Mapping, seconds: float) -> list[list[dict]]:
         for period in limits["period_s"] if len(axes) <= limits["axes"] else ():
             periods = [round(period * share, 3) for share in (10 / 11, 12 / 11, 1.0)]  # so that axes are told apart
             rates = [round(min(limits["rate_rad_s"], limits["rate_dot_rad_s2"] * one / 4), 9) for one in periods]
-            how = {"kind": "swing", "count": 1, "duration_s": float(seconds), "period_s": float(period)}
+            fixed = {"kind": "swing", "count": 1, "duration_s": float(seconds), "period_s": float(period)}
             rates = [rate * (axis in axes) for axis, rate in zip("xyz", rates, strict=True)]
-            plans.append([how | {"axes_period_s": periods, "axes_rate_rad_s": rates}])
+            plans.append([fixed | {"axes_period_s": periods, "axes_rate_rad_s": rates}])
     return plans
 
 
@@ -150,17 +150,17 @@ def measured_noise(_usual, _known, scaled, moved) -> dict:
     """
     density = np.concatenate([moved["noise_density"].values, scaled["voltage_density"].values])
     k = scaled["k"].values[int(scaled["chosen_arm"])]
-    parts = np.stack([np.sum(electrodes.READOUT**2, axis=1), np.append(1 / k**2, np.zeros(3))], axis=1)
-    shares = parts / density[:, None] ** 2
-    size = np.linalg.norm(shares, axis=0)
-    volts, force = np.sqrt(nnls(shares / size, np.ones(6))[0] / size)
+    contributions = np.stack([np.sum(electrodes.READOUT**2, axis=1), np.append(1 / k**2, np.zeros(3))], axis=1)
+    relative = contributions / density[:, None] ** 2
+    size = np.linalg.norm(relative, axis=0)
+    volts, force = np.sqrt(nnls(relative / size, np.ones(6))[0] / size)
     tracker = np.sqrt(np.mean(scaled["tracker_sigma"].values ** 2))
     settings = {"voltage_noise_v_rthz": volts, "acceleration_noise_m_s2_rthz": force, "tracker_noise_rad": tracker}
     return {name: float(value) for name, value in settings.items()}
 
 
 def draw(satellite: Mapping, chosen, rng) -> Truth:
-    """True numbers around those of the settings; mass, inertia, arms and k_y of the catalogue or from their prior."""
+    """Truth drawn about the settings; mass, inertia, arms and k_y of the catalogue or from their prior."""
     share = 1 + chosen.factor_scatter * rng.standard_normal(2)
     beta = np.array(chosen.angular_factor) * share[[0, 1, 1]]
     spread = chosen.divisor_scatter * rng.standard_normal(5)
@@ -221,7 +221,7 @@ def swing(chosen, start: float, truth: Truth, rng, hidden: Hidden) -> dict:
 
 
 def _motion(fine, swing_start, path, chosen, rng):
-    """Attitude, rate and its derivative on the fine grid; between manoeuvres the control lets it sway slowly.
+    """Attitude (n, 4), rate and its derivative (n, 3) on the fine grid; between manoeuvres they sway slowly.
 
     A swing is a square wave of torque with rounded edges, whole periods, rate zero at both ends.
     """
@@ -243,22 +243,22 @@ def _motion(fine, swing_start, path, chosen, rng):
 
 
 def attitude(step, rate, start):
-    """Attitude (n, 4) from a start (4,), continuous in sign, by the mean rate of every step s."""
+    """Attitude (n, 4) from a start (4,), continuous in sign, by rates (n, 3) rad s-1, averaged over each step s."""
     turns = frames.from_rotation_vector(step / 2 * (rate[1:] + rate[:-1]))
-    after = np.stack([frames.quaternion_product(unit, turns) for unit in np.eye(4)], axis=2)  # as matrices
-    made = np.array(list(itertools.accumulate(after, lambda q, turn: turn @ q, initial=start)))
-    return made / np.linalg.norm(made, axis=1, keepdims=True)
+    turn_matrices = np.stack([frames.quaternion_product(unit, turns) for unit in np.eye(4)], axis=2)  # as matrices
+    quaternion = np.array(list(itertools.accumulate(turn_matrices, lambda q, turn: turn @ q, initial=start)))
+    return quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)
 
 
 def with_effects(time, linear_b, angular_b, truth: Truth, hidden: Hidden) -> tuple[np.ndarray, np.ndarray]:
-    """Linear and angular acceleration (n, 3) with the hidden effects of electrodes and loop."""
+    """Linear and angular acceleration (n, 3) m s-2, rad s-2 with the hidden effects of electrodes and loop."""
     if not hidden.effects:
         return linear_b, angular_b
     delay = hidden.added("acc_delay", time)
     if np.any(delay):
         linear_b, angular_b = (lines_between(time - delay, time, values) for values in (linear_b, angular_b))
-    combined = (linear_b - truth.bias) / truth.k, (angular_b - truth.angular_bias) / truth.beta
-    extra = {"volts": electrodes.volts(np.hstack(combined)), "displacement_b": -linear_b / electrodes.LOOP**2}
+    readings = (linear_b - truth.bias) / truth.k, (angular_b - truth.angular_bias) / truth.beta
+    extra = {"volts": electrodes.volts(np.hstack(readings)), "displacement_b": -linear_b / electrodes.LOOP**2}
     context = Context(time, linear_b=linear_b, angular_b=angular_b, epoch=hidden.epoch, extra=extra)
     linear = linear_b + added(hidden.effects, "linear_b", context)
     angular = angular_b + added(hidden.effects, "angular_b", context)
@@ -285,7 +285,7 @@ def read_volts(linear_b, angular_b, truth: Truth, chosen, rng, drift_b=0.0) -> n
 
 
 def _tracked(bounds, path, truth, chosen, rng, hidden):
-    """Attitude as measured at 4 Hz, with white noise about each axis; a tag late by the delay shows that of before."""
+    """Record "ATT" at 4 Hz: attitude with white noise about each axis; a tag late by the delay has an earlier one."""
     (start, stop), (time, quaternion) = bounds, path
     tag = start + STEP_TRACKER * np.arange(round((stop - start) / STEP_TRACKER))
     epoch = np.clip(tag - truth.delay - hidden.added("sca_delay", tag), time[0], time[-1])
@@ -298,7 +298,7 @@ def _tracked(bounds, path, truth, chosen, rng, hidden):
 
 
 def _orbit_record(start, length, path):
-    """Orbit at whole seconds."""
+    """Record "ORB": states of a path at whole seconds."""
     time = np.arange(start, start + length + 1, STEP_ORBIT)
     state = path(time)
     return {"time": time, "position": state[:, :3], "velocity": state[:, 3:]}
@@ -330,8 +330,8 @@ def span(chosen, roll: Roll, bounds, truth: Truth, rng, hidden: Hidden) -> dict:
     slope = (roll.rate[place + 1] - roll.rate[place]) / KNOT
     u = coarse - roll.knot[place]
     angle = roll.angle[place] + roll.rate[place] * u + slope * u**2 / 2
-    c, s, o, e = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
-    R_bo = np.stack([c, o, -s, o, e, o, s, o, c], axis=-1).reshape(-1, 3, 3)
+    c, s, zero, one = np.cos(angle), np.sin(angle), np.zeros_like(angle), np.ones_like(angle)
+    R_bo = np.stack([c, zero, -s, zero, one, zero, s, zero, c], axis=-1).reshape(-1, 3, 3)
     quaternion = frames.continuous(frames.quaternion_from_R_bi(R_bo @ frames.flight_frame(state)))
     momentum = np.linalg.norm(np.cross(state[:, :3], state[:, 3:]), axis=1)
     rate, rate_dot = np.zeros((coarse.size, 3)), np.zeros((coarse.size, 3))

@@ -86,7 +86,7 @@ def simulate(letters: str, chosen, day: float, seed: int, effects: Mapping[str, 
 
 
 def with_noise(chosen):
-    """Settings with the noise that `noise` names: of what is as measured, if it is benign."""
+    """Settings with the noise that `noise` names: if it is benign, BENIGN in place of values left as measured."""
     if "noise" not in chosen.entries or chosen.noise == "measured":
         return chosen
     measured = catalog.parameters(chosen.calibration)
@@ -94,7 +94,7 @@ def with_noise(chosen):
 
 
 def draw_pair(chosen, day: float, rng) -> Pair:
-    """Orbits and pointing of a day that begins at `day`, GPS s."""
+    """Pair with orbits and pointing of a day that begins at `day`, GPS s."""
     start, wiggles = day + chosen.first_start_s, []
     allowed = flight.windows(chosen.manoeuvre_windows if "manoeuvre_windows" in chosen.entries else "")
     for name, length, period, offset, amplitude, slew in _planned(chosen):
@@ -128,15 +128,15 @@ def draw_pair(chosen, day: float, rng) -> Pair:
 
 
 def _planned(chosen):
-    """Name such as "+pitch_b" ("" leaves a place empty), length s, period s, offset deg, amplitude deg, slew s."""
+    """Tuples (name as "+pitch_b", "" for an empty place; length s, period s, offset deg, amplitude deg, slew s)."""
     if "design" not in chosen.entries or not chosen.design:  # a day of routine has none
         usual = chosen.cycles * chosen.period_s, chosen.period_s, chosen.offset_deg, chosen.amplitude_deg, chosen.slew_s
         return [(name, *usual) for name in chosen.manoeuvres]
-    made = []
+    tables = []
     for one in catalog.design(chosen.design).manoeuvres:
         angles = abs(one.facts["offset_deg"]), one.facts["amplitude_deg"]
-        made += [(one.kind, one.duration_s, one.period_s, *angles, chosen.slew_s)] * one.count
-    return [(f"{kind}_{letter}", *how) for letter in "ab" for kind, *how in made]
+        tables += [(one.kind, one.duration_s, one.period_s, *angles, chosen.slew_s)] * one.count
+    return [(f"{kind}_{letter}", *numbers) for letter in "ab" for kind, *numbers in tables]
 
 
 def sessions(limits: Mapping, seconds: float) -> list[list[dict]]:
@@ -185,7 +185,7 @@ def measured_noise(usual, _known, measured) -> dict:
 
 
 def _pointing(chosen, day, wiggles, rng):
-    """Roll, pitch and yaw: slow motion of the control loop and the wiggles."""
+    """Function (n,) s -> roll, pitch, yaw (n, 3) rad: slow motion of the control loop and the wiggles."""
     step = 20.0
     nodes = day - 4 * EDGE + step * np.arange(int((constants.DAY + 8 * EDGE) / step) + 1)
     corner = 1 / (2 * np.pi * chosen.pointing_memory_s)
@@ -288,20 +288,20 @@ def ranging(pair: Pair, centre: np.ndarray, chosen, effects: Mapping, rng) -> di
 
 
 def _orbit(pair, k, chosen, rng):
-    """GNI1B or GNV1B: the true orbit and the error of a reduced-dynamic one, waves and a red part."""
+    """Columns of GNI1B or GNV1B: the true orbit with the error of a reduced-dynamic one, waves and a red part."""
     time = pair.day + np.arange(constants.DAY)
     state = pair.path[k](time)
     revolution = np.linalg.norm(np.cross(state[0, :3], state[0, 3:])) / np.sum(state[0, :3] ** 2)
     phase = revolution * (time - pair.day)[:, None]
-    local = np.zeros((time.size, 3))
+    error_local = np.zeros((time.size, 3))
     for cycles in (0, 1, 2):
         for wave in (np.cos, np.sin):
-            local += wave(cycles * phase) * chosen.orbit_error_m / np.sqrt(2) * rng.standard_normal(3)
+            error_local += wave(cycles * phase) * chosen.orbit_error_m / np.sqrt(2) * rng.standard_normal(3)
     if chosen.orbit_red_m > 0:
         shape = lambda f: (chosen.orbit_red_m / np.maximum(f / 1e-3, 0.3) ** chosen.orbit_red_slope) ** 2  # noqa: E731
-        local[:, 1] += coloured(shape, time.size, 1.0, rng)
+        error_local[:, 1] += coloured(shape, time.size, 1.0, rng)
     radial = state[:, :3] / np.linalg.norm(state[:, :3], axis=1, keepdims=True)
     along = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
-    error = (np.stack([radial, along, np.cross(radial, along)], axis=2) @ local[:, :, None])[:, :, 0]
+    error = (np.stack([radial, along, np.cross(radial, along)], axis=2) @ error_local[:, :, None])[:, :, 0]
     state = state + np.concatenate([error, np.gradient(error, time, axis=0)], axis=1)
     return sensors.orbit_columns(time, state, chosen.orbit_product)

@@ -27,16 +27,16 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
         if slug not in OF_WARMTH:
             size = chosen.scatter * np.array([p.prior_sigma for p in parameters])
             drawn[slug] = size * rng.standard_normal(len(parameters)) + drawn[slug]
-    lack = chosen.scatter * effect("magnetometer.misalignment").parameters[0].prior_sigma * rng.standard_normal(3)
+    skew = chosen.scatter * effect("magnetometer.misalignment").parameters[0].prior_sigma * rng.standard_normal(3)
     second = np.arange(day, day + chosen.duration_s)
     state = flight.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)(second)
     attitude, _ = flight.nominal_attitude(state, satellite["x_along_velocity"])
-    wobble = chosen.pointing_error_rad * np.sin(
+    pointing = chosen.pointing_error_rad * np.sin(
         2 * np.pi * second[:, None] / rng.uniform(300, 1500, 3) + rng.uniform(0, 2 * np.pi, 3)
     )
-    attitude = frames.quaternion_product(attitude, frames.from_rotation_vector(wobble))
-    fixed = sensors.orbit_columns(second, state, "GNV1B")
-    position_e = np.stack([fixed[name] for name in sensors.STATE[:3]], axis=1)
+    attitude = frames.quaternion_product(attitude, frames.from_rotation_vector(pointing))
+    orbit = sensors.orbit_columns(second, state, "GNV1B")
+    position_e = np.stack([orbit[name] for name in sensors.STATE[:3]], axis=1)
     tag = np.arange(day + 5.0, day + chosen.duration_s - 5.0, chosen.step_s)
     time = tag - drawn["timing.magnetometer_delay"][0]
     R_bi = frames.R_bi_from_quaternion(frames.interpolate(second, attitude, time))
@@ -61,15 +61,15 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     drive = 1e-9 * chosen.field_error_nt * np.sqrt(1 - keep**2) * rng.standard_normal((time.size + 2000, 3))
     noise = lfilter([1.0], [1.0, -keep], drive, axis=0)[2000:]
     noise = noise + 1e-9 * chosen.noise_nt * rng.standard_normal((time.size, 3))
-    read = read + field @ symmetric(*lack) + noise
+    read = read + field @ symmetric(*skew) + noise
     read = sensors.magnetometer_columns(tag, read, current, satellite)
-    columns = {"SCA1B": sensors.attitude_columns(second, attitude), "GNV1B": fixed, "MAG1B": read}
+    columns = {"SCA1B": sensors.attitude_columns(second, attitude), "GNV1B": orbit, "MAG1B": read}
     parameters = {
         f"{name}_{axis}": value
         for name in ("bias", "scale", "misalignment")
         for axis, value in zip("xyz", drawn[f"magnetometer.{name}"], strict=True)
     }
-    parameters |= {f"nonorthogonality_{a}": v for a, v in zip(("xy", "xz", "yz"), lack, strict=True)}
+    parameters |= {f"nonorthogonality_{a}": v for a, v in zip(("xy", "xz", "yz"), skew, strict=True)}
     leaks = [p.name for p in effect("magnetometer.current_leak").parameters]
     parameters |= {f"leak_{a}": v for a, v in zip(leaks, drawn["magnetometer.current_leak"], strict=True)}
     parameters |= {"external_field": drawn["magnetometer.external_field"][0]}

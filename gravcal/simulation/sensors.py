@@ -1,4 +1,4 @@
-"""What the instruments read of a simulated motion, and the columns of the Level-1 files."""
+"""Readings of the instruments in a simulated motion, and the columns of the Level-1 files."""
 
 from dataclasses import dataclass, replace
 
@@ -47,16 +47,16 @@ class Epochs:
 class Motion:
     """True motion at the bounds of the steps; after an edge where it jumps."""
 
-    time: np.ndarray
-    quaternion: np.ndarray
-    rate_b: np.ndarray
-    rate_dot_b: np.ndarray
-    gradient_b: np.ndarray
-    field_b: np.ndarray
-    command_b: np.ndarray
+    time: np.ndarray  #: (n,) s
+    quaternion: np.ndarray  #: (n, 4)
+    rate_b: np.ndarray  #: (n, 3) rad s-1
+    rate_dot_b: np.ndarray  #: (n, 3) rad s-2
+    gradient_b: np.ndarray  #: (n, 3, 3) s-2
+    field_b: np.ndarray  #: (n, 3) T
+    command_b: np.ndarray  #: (n, 3) A m2, dipole of the rods
 
     def at(self, time: np.ndarray) -> "Motion":
-        """The same at some of the bounds."""
+        """Motion at the bounds (m,) s among its own that are asked for."""
         index = np.clip(np.searchsorted(self.time, time - 1e-7), 0, self.time.size - 1)
         return Motion(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
 
@@ -66,7 +66,7 @@ def draw_clock(chosen, day: float, rng) -> tuple[Clock, dict]:
     receiver = np.arange(day - 300, day + constants.DAY + 301, 10.0)
     offset = rng.uniform(-1, 1) * chosen.clock_offset_s + chosen.clock_drift * (receiver - day)
     onboard = np.arange(day - 295, day + constants.DAY + 300, 8.0)
-    mapping_ns = 119.0 * rng.integers(-1, 2, onboard.size)
+    mapping_ns = 119.0 * rng.integers(-1, 2, onboard.size)  # jitter of one step of 119 ns
     tag, drift = np.round(onboard * 1e9).astype(np.int64) + mapping_ns.astype(np.int64), chosen.clock_drift
     whole = receiver.astype(np.int64), onboard.astype(np.int64)
     columns = {"CLK1B": {"rcv_time": whole[0], "eps_time": offset, "eps_drift": np.full(offset.size, drift)}}
@@ -75,7 +75,7 @@ def draw_clock(chosen, day: float, rng) -> tuple[Clock, dict]:
 
 
 def draw_epochs(span, clock: Clock, effects, satellite) -> Epochs:
-    """Tags of a span and the true times behind them, late tags being earlier readings."""
+    """Epochs of a span (2,) s: tags of each instrument and their true times; a late tag is an earlier reading."""
     step = satellite["accelerometer_interval"]
     first = np.ceil((span[0] - 1) / step)
     tag = np.round(1e6 * (np.arange(first, np.floor((span[1] + 1) / step)) * step)).astype(np.int64)
@@ -89,7 +89,7 @@ def draw_epochs(span, clock: Clock, effects, satellite) -> Epochs:
 
 
 def read_instruments(epochs, motion, scene, satellite, chosen, effects, rng):
-    """Columns of every product for one span."""
+    """Level-1 columns {product: {column: array}} of every product for one span."""
     return {
         "ACC1A": _accelerometer(epochs, motion.at(epochs.acc), scene, satellite, chosen, effects, rng),
         "SCA1B": _star_camera(epochs, motion.at(epochs.sca), chosen, effects, rng),
@@ -98,16 +98,17 @@ def read_instruments(epochs, motion, scene, satellite, chosen, effects, rng):
 
 
 def _accelerometer(epochs, motion, scene, satellite, chosen, effects, rng):
+    """Columns of ACC1A: drag, offset, effects, noise and bias of a true motion at the readings."""
     shared = {name: getattr(motion, name) for name in ("rate_b", "rate_dot_b", "gradient_b", "field_b")}
     shared |= {"dipole_b": motion.command_b, "inertia_b": scene.inertia_b, "start": scene.start, "stop": scene.stop}
     shared["epoch"] = scene.spans[0, 0]
     extra = _extras(epochs.acc, motion, scene) if effects else {}
     context = Context(time=epochs.acc, angular_b=motion.rate_dot_b, extra=extra, **shared)
     state = scene.orbit(epochs.acc)
-    flight = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
-    density = 1 + 0.5 * np.sin(1.1e-3 * (epochs.acc - scene.spans[0, 0]))
+    direction = state[:, 3:] / np.linalg.norm(state[:, 3:], axis=1, keepdims=True)
+    density = 1 + 0.5 * np.sin(1.1e-3 * (epochs.acc - scene.spans[0, 0]))  # of air, about once a revolution
     R_bi = frames.R_bi_from_quaternion(motion.quaternion)
-    drag = np.matvec(R_bi, -chosen.drag_m_s2 * density[:, None] * flight)  # against the flight
+    drag = np.matvec(R_bi, -chosen.drag_m_s2 * density[:, None] * direction)  # against the flight
     linear = drag + effect("accelerometer.offset").contribution(context, scene.offset)
     context = replace(context, linear_b=linear)
     linear = linear + added(effects, "linear_b", context)
@@ -122,7 +123,7 @@ def _accelerometer(epochs, motion, scene, satellite, chosen, effects, rng):
 
 
 def _extras(time, motion, scene):
-    """What slow disturbances follow."""
+    """Drivers of slow disturbances at times (n,) s, {name: array} of `orbit_environment.extras`."""
     orbit = np.arange(max(time[0] - 3 * orbit_environment.WARMING_S, scene.begin), time[-1] + 10, 5.0)
     position_i = scene.orbit(orbit)[:, :3]
     R_bi = frames.R_bi_from_quaternion(motion.quaternion)
@@ -130,7 +131,7 @@ def _extras(time, motion, scene):
 
 
 def context_of_steps(inner, parts: int, steps, around, states, dipole_b, scene) -> Context:
-    """What dipole and torque effects look at, at so many epochs inside each step; states are those at its start."""
+    """Context of dipole and torque effects at `parts` epochs (n,) s inside each step; states are at its start."""
     begin, state = steps.bound[:-1], states[:-1]
     R_bi, position_i = frames.R_bi_from_quaternion(state[:, :4]), lines_between(begin, around.time, around.position_i)
     extra = orbit_environment.extras(begin, around.time, around.position_i, R_bi, scene.mass, scene.drag_b)
@@ -150,7 +151,7 @@ def context_of_steps(inner, parts: int, steps, around, states, dipole_b, scene) 
 
 
 def _digitised(true, kind, names, satellite, chosen, rng):
-    """Reading with the noise of each axis and bias, in whole steps of the converter."""
+    """Reading (n, 3) of true values (n, 3): noise and bias of each axis added, in whole steps of the converter."""
     shapes = [table_density(chosen.noise_frequency_hz, getattr(chosen, f"{kind}_noise_{axis}")) for axis in "xyz"]
     drawn = [coloured(one, len(true), satellite["accelerometer_interval"], rng) for one in shapes]
     noise = chosen.noise_scale * np.stack(drawn, axis=1)
@@ -158,12 +159,14 @@ def _digitised(true, kind, names, satellite, chosen, rng):
 
 
 def _star_camera(epochs, motion, chosen, effects, rng):
+    """Columns of SCA1B: attitude of a true motion at the readings, with noise and effects."""
     angle = star_camera_noise(epochs.sca.size, chosen, rng)
     angle = angle + added(effects, "pointing_b", Context(time=epochs.sca, rate_b=motion.rate_b))
     return attitude_columns(epochs.sca_tag, star_camera(motion.quaternion, angle, rng))
 
 
 def _magnetometer(epochs, motion, scene, satellite, chosen, effects, rng):
+    """Columns of MAG1B at 2 Hz, each field twice, with bias, noise and effects; currents of the rods."""
     extra = _extras(epochs.mag, motion, scene) if effects else {}
     context = Context(time=epochs.mag, field_b=motion.field_b, dipole_b=motion.command_b, extra=extra)
     noise = chosen.noise_scale * np.array(satellite["magnetometer_noise"]) * rng.standard_normal((epochs.mag.size, 3))
@@ -191,19 +194,16 @@ def split_time(tag) -> dict:
 
 
 def magnetometer_columns(tag, field_b, current_ma, satellite) -> dict:
-    """Columns of MAG1B from field (n, 3) T and currents (n, 3) mA, which are read in whole steps.
-
-    Of the six coils of GRACE-FO those called A show positive currents, those called B negative ones with their sign.
-    """
+    """Columns of MAG1B from field (n, 3) T and currents (n, 3) mA, which are read in whole steps."""
     field = 1e6 * quantised(field_b, satellite["magnetometer_step"])
     current = quantised(current_ma, satellite["torquer_current_step"])
     columns = split_time(tag) | {f"Mfv{axis}_RAW": field[:, i] for i, axis in enumerate("XYZ")}
-    columns |= {f"torque{i + 1}A": np.maximum(current[:, i], 0) for i in range(3)}
-    return columns | {f"torque{i + 1}B": np.minimum(current[:, i], 0) for i in range(3)}
+    columns |= {f"torque{i + 1}A": np.maximum(current[:, i], 0) for i in range(3)}  # six coils of GRACE-FO: A, positive
+    return columns | {f"torque{i + 1}B": np.minimum(current[:, i], 0) for i in range(3)}  # B, negative
 
 
 def join(parts: list[dict]) -> dict:
-    """Columns of several spans, one after the other."""
+    """Columns {product: {column: array}} of several spans, one after the other."""
     return {p: {n: np.concatenate([part[p][n] for part in parts]) for n in parts[0][p]} for p in parts[0]}
 
 
@@ -229,5 +229,5 @@ def star_camera_noise(count: int, chosen, rng) -> np.ndarray:
 def star_camera(quaternion: np.ndarray, angle_b: np.ndarray, rng) -> np.ndarray:
     """Measured quaternions: the error angle applied in the body, the sign of a few runs flipped."""
     measured = frames.quaternion_product(quaternion, frames.from_rotation_vector(angle_b))
-    sign = np.where(np.cumsum(rng.random(len(measured)) < 2e-4) % 2 == 1, -1.0, 1.0)
+    sign = np.where(np.cumsum(rng.random(len(measured)) < 2e-4) % 2 == 1, -1.0, 1.0)  # a flip in 5000
     return measured * sign[:, None]

@@ -34,12 +34,12 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     start = np.round(start[(start < day + chosen.duration_s - 2.0) & ~quiet], 6)
     axis, on_ms = rng.integers(0, 3, start.size), rng.integers(*chosen.on_time_ms, start.size)
     torque, thrusters = _torques(satellite), np.zeros((start.size, 12), dtype=bool)
-    about, sense = np.argmax(np.abs(torque), axis=1), np.sign(torque)
+    main_axis, sense = np.argmax(np.abs(torque), axis=1), np.sign(torque)
     for one in range(3):
-        mine = np.flatnonzero(axis == one)
-        for k, row in enumerate(mine):
-            thrusters[row] = (about == one) & (sense[:, one] == (1, -1)[k % 2])
-        on_ms[mine[1::2]] = on_ms[mine[: 2 * (mine.size // 2) : 2]]
+        of_axis = np.flatnonzero(axis == one)
+        for k, row in enumerate(of_axis):
+            thrusters[row] = (main_axis == one) & (sense[:, one] == (1, -1)[k % 2])
+        on_ms[of_axis[1::2]] = on_ms[of_axis[: 2 * (of_axis.size // 2) : 2]]
     time, quaternion = _flown(satellite, chosen, path, (start, thrusters, on_ms), gain, effects, day)
     angle = added(effects, "pointing_b", Context(time=time))
     heads = 1 + ((time - day) // chosen.head_s).astype(int) % 2
@@ -58,7 +58,7 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
 
 
 def _torques(satellite):
-    """Torque (12, 3) N m of each attitude thruster."""
+    """Torque (12, 3) N m of each attitude thruster, thruster table."""
     return np.cross(np.array(satellite["thruster_position"])[:12], np.array(satellite["thruster_force"])[:12])
 
 
@@ -77,7 +77,7 @@ def _flown(satellite, chosen, path, firings, gain, effects, day):
     dipole = np.zeros((middle.size, 3)) + added(effects, "dipole_b", context)
     whole = np.isin(bound[:-1], nodes)
     steps = flight.Steps(bound, whole, np.zeros(middle.size, dtype=bool), np.zeros((middle.size, 3)))
-    body = flight.Body(np.array(satellite["inertia"]), chosen.control_frequency_rad_s, 0.7, 0.0, 1.0)
+    body = flight.Body(np.array(satellite["inertia"]), chosen.control_frequency_rad_s, 0.7, 0.0, 1.0)  # no rods
     ends = tuple(np.repeat(one[:, None], 2, axis=1) for one in (dipole, torque))
     states, _ = flight.fly(steps, around, body, np.concatenate([around.target[0], around.target_rate_b[0]]), ends)
     time = day + chosen.star_camera_step_s * np.arange(int(chosen.duration_s / chosen.star_camera_step_s))

@@ -42,9 +42,9 @@ ITERATIONS = 3  # of the noise by the residual of the solution with it
 def estimate(
     aligned: xr.Dataset, *, noise_order: int, field_noise_nt: float, parts: int, determined_ratio: float, held: tuple
 ) -> xr.Dataset:
-    """Parameters of the magnetometer ("magnetometer.align"), with errors by the noise that they leave.
+    """Product "magnetometer.estimate": parameters fitted to "magnetometer.align", with errors by the residual noise.
 
-    Settings are those of the stage; groups that are held are nought, as of an instrument without them.
+    Settings are those of the stage; groups of parameters in `held` are left out, as zero.
 
     Notes
     -----
@@ -61,8 +61,8 @@ def estimate(
     noise, order = model.noise(field, step, blocks, 0, floor), 0
     rows = _rows(noise, place, both)
     for _ in range(ITERATIONS):
-        rest = field.difference - design @ _solved(rows)
-        noise = [model.noise_of(rest[:, a], place, noise_order, floor, size.size // 3) for a in range(3)]
+        residual = field.difference - design @ _solved(rows)
+        noise = [model.noise_of(residual[:, a], place, noise_order, floor, size.size // 3) for a in range(3)]
         order = noise[0].reflection.size
         if not order:
             break
@@ -79,19 +79,19 @@ def estimate(
 
 
 def _parameters(group):
-    """Name, unit and plausible size of the parameters of a group."""
+    """Name, unit and plausible size of each parameter of a group."""
     known = effect(GROUPS[group]).parameters
     names = NAMES.get(group, [f"{group}_{one.name}" for one in known])
     return [(name, one.unit, one.prior_sigma) for name, one in zip(names, known, strict=True)]
 
 
 def _solved(rows):
-    """Solution of all axes together, the smallest where it is not unique."""
+    """Least-squares solution (p,) of the rows of all axes together, the shortest where it is not unique."""
     return least_squares.stable_inverse(sum(c.T @ c for c, _ in rows)) @ sum(c.T @ y for c, y in rows)
 
 
 def _rows(noise, place, values):
-    """Whitened design (n, p) and observations (n,) of each axis, from both (n, 3, p + 1)."""
+    """Whitened design (n, p) and observations (n,) of each axis, from values (n, 3, p + 1) that hold both."""
     rows = [model.whitened(one, place, values[:, axis]) for axis, one in enumerate(noise)]
     return [(one[:, :-1], one[:, -1]) for one in rows]
 
@@ -106,14 +106,14 @@ def check(aligned: xr.Dataset, solution: xr.Dataset, **limits: float) -> xr.Data
     strength = [np.linalg.norm(one, axis=1) for one in (field.measured_b, field.model_b)]
     across = np.linalg.norm(np.cross(field.measured_b, field.model_b), axis=1)
     angle = np.arctan2(across, np.sum(field.measured_b * field.model_b, axis=1))
-    apart, turned = (float(np.sqrt(np.mean(one**2))) for one in (strength[0] / strength[1] - 1, angle))
+    off_strength, off_angle = (float(np.sqrt(np.mean(one**2))) for one in (strength[0] / strength[1] - 1, angle))
     constant, error = checks.longest_constant(field.time, field.measured_b), aligned["velocity_error"]
-    made = [
+    rows = [
         at_most("jump of the attitude", aligned["attitude_jump"], limits["jump_limit_rad"], "rad"),
         at_most("velocity against change of position", error, limits["velocity_limit_m_s"], "m s-1"),
         at_most("longest time of a constant reading", constant, limits["constant_limit_s"], "s"),
-        at_most("strength of the field against the reference", apart, limits["strength_limit"], "1"),
-        at_most("direction of the field against the reference", turned, limits["direction_limit_rad"], "rad"),
+        at_most("strength of the field against the reference", off_strength, limits["strength_limit"], "1"),
+        at_most("direction of the field against the reference", off_angle, limits["direction_limit_rad"], "rad"),
     ]
     size = {name: one for group in AXES for name, _, one in _parameters(group)}
     known = solution[["value", "sigma"]].sel(parameter=[name for name in solution["parameter"].values if name in size])
@@ -121,18 +121,18 @@ def check(aligned: xr.Dataset, solution: xr.Dataset, **limits: float) -> xr.Data
     ratio = beyond / [size[name] for name in known["parameter"].values]
     largest = np.max(ratio, where=np.isfinite(ratio), initial=0.0)
     values = dict(zip(map(str, solution["parameter"].values), solution["value"].values, strict=True))
-    apart_s = model.late(aligned, limits["camera_limit_s"], limits["delay_limit_s"])
-    lag = float(np.fmax(abs(values.get("delay", np.nan)), abs(apart_s.get("timing.magnetometer_delay", (np.nan,))[0])))
-    made.append(at_most("tags of the attitude", abs(aligned["camera_late"]), limits["camera_limit_s"], "s"))
-    made += [at_most("tags of the magnetometer", lag, limits["delay_limit_s"], "s")] if np.isfinite(lag) else []
-    made.append(at_most("scale or axes over their plausible size", largest, limits["plausible_limit"], "1"))
-    return checks.product([*made, *named_parameters.checks(solution, limits["agreement_limit"])])
+    delays = model.late(aligned, limits["camera_limit_s"], limits["delay_limit_s"])
+    lag = float(np.fmax(abs(values.get("delay", np.nan)), abs(delays.get("timing.magnetometer_delay", (np.nan,))[0])))
+    rows.append(at_most("tags of the attitude", abs(aligned["camera_late"]), limits["camera_limit_s"], "s"))
+    rows += [at_most("tags of the magnetometer", lag, limits["delay_limit_s"], "s")] if np.isfinite(lag) else []
+    rows.append(at_most("scale or axes over their plausible size", largest, limits["plausible_limit"], "1"))
+    return checks.product([*rows, *named_parameters.checks(solution, limits["agreement_limit"])])
 
 
 def compare(
     aligned: xr.Dataset, solution: xr.Dataset, camera: xr.Dataset, orbit: xr.Dataset, theirs: xr.Dataset, **settings
 ) -> xr.Dataset:
-    """Their calibrated field less ours at our records, and parameters with their field as the reference.
+    """Product "magnetometer.beside": another calibrated field less ours, and parameters with it as the reference.
 
     Products are "magnetometer.align" and "magnetometer.estimate", "ingest" of SCA1B and GNV1B, "magnetometer.theirs";
     settings those of `estimate`.
@@ -154,27 +154,27 @@ def compare(
     position_i, _ = earth.state_to_inertial(orbit_time, state[:, :3], state[:, 3:])
     R_ei = earth.R_ei(time)
     ours_e = np.matvec(R_ei, CubicSpline(orbit_time, position_i)(time))
-    apart = float(np.median(np.linalg.norm(position_e - ours_e, axis=1)))
-    if apart > PLACE_M:
+    distance = float(np.median(np.linalg.norm(position_e - ours_e, axis=1)))
+    if distance > PLACE_M:
         remedy = "Their tags are of another time scale, or the file is of another satellite: it is not compared."
-        refuse("calibrated field of others", f"places {apart / 1e3:.0f} km from the orbit", "the same orbit", remedy)
+        refuse("calibrated field of others", f"places {distance / 1e3:.0f} km from the orbit", "the same orbit", remedy)
     field_e = np.matvec(earth.R_en_from_position(ours_e, geocentric_down=True), field_n)
     quaternion = frames.continuous(quaternion)
     R_bi = frames.R_bi_from_quaternion(frames.interpolate(sca_time, quaternion, time))
     theirs_b = np.matvec(R_bi, np.matvec(np.swapaxes(R_ei, 1, 2), field_e))
     reference = magnetic.body_field(orbit_time, state[:, :3], sca_time, quaternion, settings.pop("igrf_generation"))
-    rest = theirs_b - reference(time)[0]
-    rest = np.stack([np.interp(field.time, time, one) for one in rest.T], axis=1)[matched]
+    anomaly_b = theirs_b - reference(time)[0]
+    anomaly_b = np.stack([np.interp(field.time, time, one) for one in anomaly_b.T], axis=1)[matched]
     known = dict(zip(solution["parameter"].values.tolist(), np.nan_to_num(solution["value"].values), strict=True))
-    external = known.get("external_field", 0.0) * field.axis_b
-    ours = (solution["residual_b"].values - solution["fitted_b"].values + external)[matched]
-    same = aligned.isel(time=np.flatnonzero(matched))
-    same = same.assign(model_b=same["model_b"] + rest)
+    external_b = known.get("external_field", 0.0) * field.axis_b
+    ours = (solution["residual_b"].values - solution["fitted_b"].values + external_b)[matched]
+    by_theirs = aligned.isel(time=np.flatnonzero(matched))
+    by_theirs = by_theirs.assign(model_b=by_theirs["model_b"] + anomaly_b)
     held = tuple({*settings.pop("held"), "external_field"})  # theirs holds it
-    implied = estimate(same, held=held, **settings)
+    implied = estimate(by_theirs, held=held, **settings)
     our = solution[["value", "sigma"]].sel(parameter=implied["parameter"].values.tolist())
     values = {name: implied[name].values for name in ("parameter", "unit", "value", "sigma")}
     values |= {"own_value": our["value"].values, "own_sigma": our["sigma"].values}
-    values |= {"time": field.time[matched], "difference_b": rest - ours, "theirs_b": rest, "apart": apart}
+    values |= {"time": field.time[matched], "difference_b": anomaly_b - ours, "theirs_b": anomaly_b, "apart": distance}
     values["flagged"] = theirs["flagged"].values
     return build(SCHEMAS["beside"], values)

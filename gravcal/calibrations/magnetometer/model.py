@@ -1,4 +1,4 @@
-"""Records of a magnetometer beside the reference field, and what the parameters of the instrument make of it."""
+"""Records of a magnetometer with the reference field, and the derivatives by the parameters of the instrument."""
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -19,13 +19,13 @@ from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 SCHEMAS = schemas.of("magnetometer.toml")
 
-LEAST = 20  # records
+LEAST = 20  # least number of records
 DENSE_S = 10.0  # s, longest spacing of an orbit of which velocity and change of position can be compared to 1 mm s-1
 #: Effects that a comparison of two fields can show.
 EFFECTS = (*OF_MAGNETOMETER[:-1], "attitude.star_camera_misalignment", OF_MAGNETOMETER[-1])
 WARMS = 0.1  # rms of the warmth about a straight line, below which it is a bias or a drift of minutes
 APART_S, LONG_S = 600, 3600.0  # longest lag that is looked for; shortest record in which a field has no other like it
-CLEARLY = 4.0  # times the squares that a lag has to explain
+CLEARLY = 4.0  # least ratio of the variance left without a lag to that left with it
 SAMPLES_PER_COEFFICIENT = 100  # of the noise model; fewer give none
 
 
@@ -50,7 +50,7 @@ class Field:
 def align(
     mag: xr.Dataset, camera: xr.Dataset, orbit: xr.Dataset, *, dipole_per_current, igrf_generation: int
 ) -> xr.Dataset:
-    """Records of MAG1B that SCA1B and GNV1B cover, with the reference field in the body; (3,) A m2 mA-1 per current."""
+    """Product "magnetometer.align": MAG1B, reference field in b by SCA1B, GNV1B; dipole_per_current (3,) A m2 mA-1."""
     columns = tuple(f"Mfv{a}_RAW" for a in "XYZ")
     time, values = usable(mag, (*columns, "current_b"))
     sca_time, quaternion = usable(camera, QUATERNION)
@@ -91,27 +91,27 @@ def align(
 
 
 def late(aligned: xr.Dataset, camera_limit_s: float, delay_limit_s: float) -> dict[str, tuple[float, np.ndarray]]:
-    """Seconds by which tags are far off, and what that does to the difference (n, 3) T of the fields, by cause.
+    """{cause: (delay s, change (n, 3) T of the difference of the fields)} of tags that are off by more than the limits.
 
     Attitudes against the orbit; then the magnetometer against both, in whole seconds, with a bias free. What is within
     the limits is no lag. Late by tau, a star camera shows the body of before, B_b = exp(-[w tau]x) B_b as tagged, a
     magnetometer B_b(t - tau).
     """
-    one, delays = field(aligned), {}
-    model, camera = one.model_b, float(aligned["camera_late"])
+    record, delays = field(aligned), {}
+    model, camera = record.model_b, float(aligned["camera_late"])
     if abs(camera) > camera_limit_s:
         turn = frames.R_bi_from_quaternion(frames.from_rotation_vector(camera * aligned["rate_b"].values))
         model = np.matvec(turn, model)
-        delays["timing.star_camera_delay"] = camera, model - one.model_b
+        delays["timing.star_camera_delay"] = camera, model - record.model_b
     lag = np.arange(-APART_S, APART_S + 1)
-    if np.ptp(one.time) > max(LONG_S, 4 * APART_S):
-        inner = np.flatnonzero((one.time > one.time[0] + APART_S) & (one.time < one.time[-1] - APART_S))
+    if np.ptp(record.time) > max(LONG_S, 4 * APART_S):
+        inner = np.flatnonzero((record.time > record.time[0] + APART_S) & (record.time < record.time[-1] - APART_S))
         inner = inner[:: max(inner.size // 2000, 1)]
-        before = lambda time: np.stack([np.interp(time, one.time, c) for c in model.T], axis=1)  # noqa: E731
-        left = [np.var(one.measured_b[inner] - before(one.time[inner] - d), axis=0).sum() for d in lag]
-        best = int(lag[np.argmin(left)])
-        if abs(best) > delay_limit_s and CLEARLY * min(left) < left[APART_S]:
-            delays["timing.magnetometer_delay"] = float(best), before(one.time - best) - model
+        model_at = lambda time: np.stack([np.interp(time, record.time, c) for c in model.T], axis=1)  # noqa: E731
+        variance = [np.var(record.measured_b[inner] - model_at(record.time[inner] - d), axis=0).sum() for d in lag]
+        lag_s = int(lag[np.argmin(variance)])
+        if abs(lag_s) > delay_limit_s and CLEARLY * min(variance) < variance[APART_S]:
+            delays["timing.magnetometer_delay"] = float(lag_s), model_at(record.time - lag_s) - model
     return delays
 
 
@@ -122,13 +122,13 @@ def field(aligned: xr.Dataset) -> Field:
 
 
 def causes(field: Field) -> tuple[str, ...]:
-    """Those of EFFECTS that a record can tell from a bias and a drift: warmth where night and day change it."""
+    """Those of EFFECTS that a record can separate from a bias and a drift: warmth where night and day change it."""
     rest = field.warmth - np.polynomial.Polynomial.fit(field.time, field.warmth, 1)(field.time)
     return tuple(slug for slug in EFFECTS if slug not in OF_WARMTH or rest.std() > WARMS)
 
 
 def columns(field: Field, slug: str) -> np.ndarray:
-    """Change (n, 3, q) T of measured less modelled field by each parameter of one of EFFECTS."""
+    """Derivatives (n, 3, q) T of measured less modelled field by each parameter of one of EFFECTS."""
     extra = {"axis_b": field.axis_b, "warmth": field.warmth}
     context = Context(time=field.time, field_b=field.model_b, dipole_b=field.dipole_b, extra=extra)
     if slug == "timing.magnetometer_delay":
@@ -139,17 +139,17 @@ def columns(field: Field, slug: str) -> np.ndarray:
 
 
 def shear(field: Field) -> np.ndarray:
-    """Change (n, 3, 3) T by axes that are not at right angles: xy, xz, yz, half of the lack in each axis.
+    """Derivatives (n, 3, 3) T of the reading by non-orthogonality xy, xz, yz of the axes, half of it in each axis.
 
     With E the symmetric matrix of e_xy, e_xz, e_yz: change = E B; axes i and j stand at 90 deg - 2 e_ij.
     """
     x, y, z = field.model_b.T
-    nothing = np.zeros_like(x)
-    return np.stack([np.stack(one, axis=1) for one in ((y, x, nothing), (z, nothing, x), (nothing, z, y))], axis=2)
+    zero = np.zeros_like(x)
+    return np.stack([np.stack(one, axis=1) for one in ((y, x, zero), (z, zero, x), (zero, z, y))], axis=2)
 
 
 def noise(field: Field, step: float, columns: list[np.ndarray], order: int, floor: float) -> list[NoiseModel]:
-    """Noise of each axis about everything that any of the columns (n, 3, q) could do there, never below a floor T.
+    """Noise model of each axis from its residual beside all columns, (n, 3, q) each, never below a floor T.
 
     Minutes of data have no quiet part of their own: the noise is that of the residual of the widest model, so that it
     is the same under every hypothesis. It has `order` coefficients, fewer in a short record, at a step of so many s.
@@ -157,18 +157,18 @@ def noise(field: Field, step: float, columns: list[np.ndarray], order: int, floo
     place, models = placed(field.time, step), []
     for axis in range(3):
         basis = least_squares.orthonormal(np.concatenate([c[:, axis] for c in columns], axis=1))
-        rest = least_squares.project_out(basis, field.difference[:, axis])
-        models.append(noise_of(rest, place, order, floor, basis.shape[1]))
+        residual = least_squares.project_out(basis, field.difference[:, axis])
+        models.append(noise_of(residual, place, order, floor, basis.shape[1]))
     return models
 
 
 def placed(time: np.ndarray, step: float) -> np.ndarray:
-    """Places (n,) of records at times (n,) s on a grid of this step."""
+    """Indices (n,) of records at times (n,) s on an even grid of this step s."""
     return np.rint((time - time[0]) / step).astype(int)
 
 
 def noise_of(rest: np.ndarray, place: np.ndarray, order: int, floor: float, removed: int) -> NoiseModel:
-    """Noise model of a residual (n,) T of a fit of so many parameters, never below a floor T."""
+    """Noise model of a residual (n,) T at indices `place` (n,) after a fit of `removed` parameters; floor in T."""
     order = min(order, rest.size // SAMPLES_PER_COEFFICIENT)
     model = fit_noise([on_even_grid(place, 1.0, rest)], order, 1.0, removed)
     if model.variance[0] < floor**2:
@@ -178,7 +178,7 @@ def noise_of(rest: np.ndarray, place: np.ndarray, order: int, floor: float, remo
 
 
 def whitened(noise: NoiseModel, place: np.ndarray, values: np.ndarray, turn: Callable = whiten) -> np.ndarray:
-    """Whitened rows (n, q) of values (n, q) T on one axis, or with `unwhiten` the values of rows."""
+    """Whitened rows (n, q) of values (n, q) T on one axis at indices `place` (n,); by turn=`unwhiten` the inverse."""
     grid, valid = np.zeros((place[-1] + 1, values.shape[1])), np.zeros(place[-1] + 1, dtype=bool)
     grid[place], valid[place] = values, True
     return turn(noise, grid, valid)[place]

@@ -1,4 +1,4 @@
-"""Magnetometer against the reference field as discovery sees it: parts of the record that are left out in turn.
+"""Observations of a magnetometer against the reference field for discovery: parts of the record, left out in turn.
 
 No parameter is free in the baseline: on minutes of data the parameters of the instrument are themselves among the
 causes that are tried, and only what the data support is named. Noise is white in minutes; an hour shows its colour.
@@ -23,7 +23,7 @@ FAR = {"timing.star_camera_delay": POINTING_S, "timing.magnetometer_delay": 5.0}
 
 
 def observe(products: Mapping[str, xr.Dataset], *, blocks: int, **settings) -> "Readings":
-    """Observations of one record ("align") in so many parts, with noise of as many coefficients as an hour shows.
+    """Observations of one record ("align") in so many blocks, its noise white unless it is longer than LONG_S.
 
     Settings are noise_order, field_noise_nt, camera_limit_s and delay_limit_s, within which tags are no lag.
     """
@@ -32,19 +32,19 @@ def observe(products: Mapping[str, xr.Dataset], *, blocks: int, **settings) -> "
     columns = {slug: model.columns(field, slug) for slug in model.causes(field)}
     drift = (field.time - (field.time[0] + field.time[-1]) / 2)[:, None, None] * np.eye(3)
     late = model.late(aligned, settings["camera_limit_s"], settings["delay_limit_s"])
-    free = [*columns.values(), drift, *(moved[..., None] for _, moved in late.values())]
+    free = [*columns.values(), drift, *(change[..., None] for _, change in late.values())]
     order = settings["noise_order"] if np.ptp(field.time) > model.LONG_S else 0
     noise = model.noise(field, step, free, order, 1e-9 * settings["field_noise_nt"])
     parts, columns = np.array_split(np.arange(field.time.size), blocks), columns | {"unknown:time": drift}
     if late:  # nothing else is looked for beside what is not there
-        columns = {cause: (moved / delay)[..., None] for cause, (delay, moved) in late.items()}
+        columns = {cause: (change / delay)[..., None] for cause, (delay, change) in late.items()}
     delays = {cause: Parameter(delay, FAR[cause], "s") for cause, (delay, _) in late.items()}
     return Readings(aligned, field, noise, parts, columns, delays, {"magnetometer": noise[0].reflection.size})
 
 
 @dataclass(frozen=True)
 class Readings(Observations):
-    """Observations of a record."""
+    """Observations of a record, whitened by axis; no parameter is free in the baseline."""
 
     aligned: xr.Dataset  #: "magnetometer.align"
     field: model.Field
@@ -60,7 +60,7 @@ class Readings(Observations):
     unit, scale, start = "T", np.zeros(0), np.zeros(0)
 
     def _rows(self, values, part):
-        """Whitened rows (3 n, q) of (n, 3, q) T of a part, axis after axis."""
+        """Whitened rows (3 m, q) of values (n, 3, q) T at the records (m,) of a part, axis after axis."""
         place = model.placed(self.field.time[part], float(self.aligned["step"]))
         return np.concatenate([model.whitened(one, place, values[part, a]) for a, one in enumerate(self.noise)])
 
@@ -77,15 +77,15 @@ class Readings(Observations):
 
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
-        """Effects of a comparison of two fields, and a drift with time."""
-        made = []
+        """Candidates with whitened columns in every block: effects of a comparison of fields, and a drift."""
+        causes = []
         for cause, values in self.columns.items():
             columns = [self._rows(values, rows) for rows in self.parts]
             if cause.startswith("unknown:"):
-                made.append(unknown("time", "drift", columns, "T s-1"))
+                causes.append(unknown("time", "drift", columns, "T s-1"))
             else:
-                made.append(listed(effect(cause), columns, prior=False))
-        return made
+                causes.append(listed(effect(cause), columns, prior=False))
+        return causes
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records less what the effects of a model add to the reading."""
@@ -96,7 +96,7 @@ class Readings(Observations):
         return self.aligned.assign(measured_b=self.aligned["measured_b"] - added)
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
-        """Time, reference field (m, 3) T of a part, and rows (q, m, 3) T."""
+        """Time (m,) s and reference field (m, 3) T of a part, and rows (q, m, 3) T."""
         part = self.parts[number]
         place = model.placed(self.field.time[part], float(self.aligned["step"]))
         each = zip(self.noise, rows.reshape(3, part.size, -1), strict=True)

@@ -12,7 +12,7 @@ WORDS = words(__file__, "page.toml")
 
 
 def content(products):
-    """Facts of the record, and what follows the result."""
+    """Facts {name: number} of the record, and the sections of the page after the result; products {stage: Dataset}."""
     estimate, aligned = products["estimate"], products["align"]
     difference = estimate["residual_b"].values
     facts = {
@@ -27,7 +27,7 @@ def content(products):
 
 
 @WORDS.figure("estimate")
-def _field(panels, estimate):
+def _field(panels, estimate):  # measured less reference field with the fit, and its residual, nT
     above, below = panels
     minutes = (estimate["time"].values - estimate["time"].values[0]) / 60
     measured, fitted = (1e9 * estimate[name].values for name in ("residual_b", "fitted_b"))
@@ -44,7 +44,7 @@ PAGE = Page(
 
 
 def content_beside(products):
-    """The same, with the calibrated field of others."""
+    """Facts and sections as of `content`, with those of the comparison with another calibration."""
     facts, sections = content(products)
     comparison = products["beside"]
     difference = 1e9 * comparison["difference_b"].values
@@ -63,15 +63,15 @@ def content_beside(products):
 
 
 def more_beside(products):
-    """Parameters that the field of others implies, and a sentence on the difference."""
+    """{"theirs": parameters that the field of the other calibration implies}, and a sentence on the difference."""
     comparison = products["beside"]
     texts = [f"{one:.1f}" for one in np.sqrt(np.mean((1e9 * comparison["difference_b"].values) ** 2, axis=0))]
-    said = f" Another calibration's field less ours: rms {', '.join(texts)} nT in x, y, z."
-    return {"theirs": parameters(comparison)}, said
+    sentence = f" Another calibration's field less ours: rms {', '.join(texts)} nT in x, y, z."
+    return {"theirs": parameters(comparison)}, sentence
 
 
 @WORDS.figure("beside")
-def _beside(panel, comparison):
+def _beside(panel, comparison):  # calibrated field of the other calibration less ours, nT
     minutes = (comparison["time"].values - comparison["time"].values[0]) / 60
     for index, axis in enumerate("xyz"):
         panel.plot(*thinned(minutes, 1e9 * comparison["difference_b"].values[:, index]), label=axis, **AXIS[axis])

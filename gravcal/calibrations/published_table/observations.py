@@ -1,4 +1,4 @@
-"""The printed table as discovery sees it: one offset for seven manoeuvres, and what may disturb it.
+"""Observations of the printed table for discovery: one offset for seven manoeuvres, and what may disturb it.
 
 The error of each number is the printed one times what repeated manoeuvres of one kind ask for. Areas, rods and the
 field in the middle of each area are modelled; the direction of flight is not printed, so every heading is tried.
@@ -20,8 +20,8 @@ from gravcal.physics.frames import cross_matrix
 EPOCH = 633830400.0  # s GPS, 2020-02-01 12:00
 HEIGHT_M = 490e3
 SPEED = 2 * np.pi / 5660.0  # rad s-1, along the orbit
-WEIGHTS = np.array([1.0, 0.09, 1.0])  # CoM paper eq. 7
-PERIOD_S, LENGTH_S, STEP_S = 12.0, 180.0, 0.5
+WEIGHTS = np.array([1.0, 0.09, 1.0])  # of the axes x, y, z; CoM paper eq. 7
+PERIOD_S, LENGTH_S, STEP_S = 12.0, 180.0, 0.5  # s, of the square wave of a rod, of a manoeuvre, between samples
 #: Rod and middle of the area (latitude, longitude in deg) by kind and latitude class; Tables 2 and 3, erratum C-8.
 AREAS = {
     ("pitch", "low"): (2, 15.0, -45.0),
@@ -44,7 +44,7 @@ def observe(_products: Mapping, *, rows: Sequence[Mapping], inertia, dipole: flo
 
 @dataclass(frozen=True)
 class Arc:
-    """One manoeuvre."""
+    """One manoeuvre in the model, n samples."""
 
     dipole_b: np.ndarray  #: (n, 3) A m2
     alpha_b: np.ndarray  #: (n, 3) rad s-2, angular acceleration by it
@@ -98,7 +98,7 @@ class Table(Observations):
 
     @functools.cached_property
     def printed(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Value and sigma (n, 3) m, by the scatter of repeats, and where they are known; sigma 1 elsewhere."""
+        """Offsets (n, 3) m, sigma (n, 3) m scaled by `repeatability`, 1 where not printed, and which are printed."""
         value, sigma = (np.array([row[name] for row in self.rows]) for name in ("value", "sigma"))
         known = np.isfinite(value)
         return value, np.where(known, sigma * repeatability(self.rows)[0], 1.0), known
@@ -130,20 +130,20 @@ class Table(Observations):
 
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
-        """Causes with what they do to the offset of each manoeuvre, and their rows of the priors."""
+        """Candidates of `causes` with whitened columns in the block of each manoeuvre, and their rows of the priors."""
         made, (_, sigma, known) = [], self.printed
         for number, one in enumerate(self.causes):
-            held = np.zeros((len(self._priors), len(one.names)))
+            prior_rows = np.zeros((len(self._priors), len(one.names)))
             for k, (owner, parameter, prior) in enumerate(self._priors):
                 if owner == number:
-                    held[k, parameter] = 1 / (prior * np.sqrt(len(self.rows)))
+                    prior_rows[k, parameter] = 1 / (prior * np.sqrt(len(self.rows)))
             rows = zip(one.columns, sigma, known, strict=True)
-            whitened = [np.concatenate([c[k] / s[k][:, None], held]) for c, s, k in rows]
+            whitened = [np.concatenate([c[k] / s[k][:, None], prior_rows]) for c, s, k in rows]
             made.append(replace(one, columns=whitened, prior=[]))
         return made
 
     def weighed(self) -> list[Weighed]:
-        """Evidence of every listed cause in its best form over one offset alone.
+        """Log odds of every listed cause, in its best form, against one offset alone, the best first.
 
         Printed errors times a common factor f that is not known, sizes and offset drawn from their priors:
         Z = int N(y; 0, f^2 S + O O' + A P A') d ln f; so a repeat that agrees by luck decides nothing.
@@ -152,7 +152,7 @@ class Table(Observations):
         y, s = (np.array([row[name] for row in self.rows]).ravel()[known] for name in ("value", "sigma"))
         offset = np.tile(np.eye(3), (len(self.rows), 1))[known]
 
-        def log_evidence(columns, sizes):
+        def log_evidence(columns, sizes):  # ln Z of columns (n, q) with prior sizes (q,)
             scaled = np.column_stack([1e-3 * offset, columns * sizes])  # a priori an offset of a millimetre
             logs = []
             for factor in np.geomspace(0.5, 60.0, 100):
@@ -170,12 +170,12 @@ class Table(Observations):
 
     @functools.cached_property
     def _priors(self):
-        """Number of the cause, place in it and plausible size of every parameter of a listed effect."""
+        """(index of the cause, index of the parameter in it, plausible size) of every parameter of a listed effect."""
         return [(number, k, size) for number, one in enumerate(self.causes) for k, size in enumerate(one.prior)]
 
     @functools.cached_property
     def causes(self) -> list[Candidate]:
-        """Causes, and what they do to the offset of each manoeuvre (3, q) m."""
+        """Candidates with columns (3, q) m, change of the estimated offset of each manoeuvre, not whitened."""
         causes, mean, count = [], self.mean, len(self.rows)
         for (pitch, yaw), form in HEADINGS.items():
             heading = {"pitch": pitch, "roll": pitch, "yaw": yaw}
@@ -196,7 +196,7 @@ class Table(Observations):
 
 
 def repeatability(rows: list[dict]) -> tuple[float, int]:
-    """Scatter of repeated manoeuvres of a kind and area over the printed errors, at least 1, and how many numbers."""
+    """Scatter of repeats of a kind and area over the printed errors, at least 1, and its degrees of freedom."""
     chi2, count = 0.0, 0
     for kind in {(r["kind"], r["latitude_class"]) for r in rows}:
         same = [r for r in rows if (r["kind"], r["latitude_class"]) == kind]
@@ -220,13 +220,13 @@ READINGS = tuple(f"accelerometer.{name}" for name in ("current_leak", "angular_l
 
 
 def of_readings(form: str, arcs: list[Arc], mean: np.ndarray) -> list[Candidate]:
-    """What adds to the linear reading, or to the angular acceleration about each axis, as errors of every offset."""
+    """Candidates of errors of linear reading and angular acceleration, by their changes (3, q) m of each offset."""
 
-    def made(slug, reading):
+    def made(slug, reading):  # Candidate, by the reading (n, 3, q) m s-2 of each arc
         entry = catalogue()[slug]
         return listed(entry, [arc.answer(reading(entry, arc)) for arc in arcs], form)
 
-    def leak(entry, arc):
+    def leak(entry, arc):  # reading (n, 3, q) of an effect, its drivers as in the arc
         linear, time = -cross_matrix(arc.alpha_b) @ mean, np.arange(len(arc.alpha_b), dtype=float)
         return entry.columns(Context(time=time, dipole_b=arc.dipole_b, angular_b=arc.alpha_b, linear_b=linear))
 

@@ -1,10 +1,10 @@
-"""Routine pointing of a pair: range minus orbit, blocks of a revolution, what of the antenna correction is motion.
+"""Phase centres from routine pointing of a pair: range minus orbit in blocks of a revolution, smoothed pointing.
 
 Each block has its own bias and slow orbit error; its noise has the spectrum of the day, and levels of its own of orbit
 errors and of ranging. Where orbit errors are large readings weigh little. Routine pointing turns the line of sight by
 milliradians, x moves the range by the square of that and is lost. Above 10 mHz pointing as measured is noise of the
 star cameras, and a regressor with noise gives phase centres that are too small, or, with x held, those along the mean
-pointing: the regressor is pointing as expected, given its measurement.
+pointing: the regressor is the pointing expected from its measurement (Wiener filter).
 """
 
 from dataclasses import dataclass
@@ -31,24 +31,24 @@ EDGES_HZ = (BANDS_HZ[0] / 2, *BANDS_HZ)  # an octave below, where orbit errors a
 #: Hz, of the spectrum of the day, and of the levels of a block: orbit errors below, ranging above.
 KNOTS_HZ = 1e-3 * np.array([0.3, 0.5, 0.8, 1.2, 1.7, 2.3, 3, 4, 5.5, 7.5, 10, 14, 20, 30, 50, 70, 80, 90, 100])
 LEVELS_HZ = (5e-3, 2e-2)
-KEPT = 0.3  # of a wave beside all columns, that says something of the noise
-LOOSE = 1e-4  # prior weight of the knots; one of a level, which are alike to a factor of e
+KEPT = 0.3  # least share of a periodogram ordinate outside all columns, for it to count in the spectrum
+LOOSE = 1e-4  # prior information of the log density at knots; 1 of a level of a block, alike to a factor of e
 BINS = 4096  # frequencies between zero and Nyquist
 ROUNDING = 1e-12  # of the variance: late tags leave hundreds of metres
-ROUNDS, SCORINGS = 4, 4  # of the spectrum: whitened anew, and in between
+ROUNDS, SCORINGS = 4, 4  # iterations of the spectrum: whitening anew, and steps of Fisher scoring in each
 WHITE_HZ = 0.08  # up to which the filters of the star cameras and of the ranging leave white noise white
-LEAST_GAIN = 0.5  # of the pointing: motion exceeds its noise
+LEAST_GAIN = 0.5  # of the Wiener filter of the pointing, from which on motion exceeds noise
 
 
 def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, nominal_m, noise_hz: float) -> xr.Dataset:
-    """Quiet ranging minus orbit, its columns by smoothed pointing, and what effects of the ranging look at.
+    """Product "ranging.align": quiet ranging minus orbit, its derivatives by the phase centres, drivers of effects.
 
     Products are "align", "pointing" and "observable" of kbr_phase_centre; nominal_m (2, 3) are the phase centres of the
     catalogue; above noise_hz pointing is all noise.
     """
     late = late_of_pair(aligned, pointed)
-    apart = late_orbit(aligned, pointed, late)
-    quiet = (equations["arc"].values == -1) | (apart is not None)  # by orbits of two times pointing is none
+    orbit_lag = late_orbit(aligned, pointed, late)
+    quiet = (equations["arc"].values == -1) | (orbit_lag is not None)  # by a late orbit all may look like wiggles
     at = equations["time_kbr"].values[quiet]
     if at.size < 2:
         refuse(equations.attrs["ranging"], "no routine pointing", "a day with orbits", "Give one.", EstimationError)
@@ -60,8 +60,8 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
     correction, motion = (np.einsum("kna,ka->n", one, np.reshape(nominal_m, (2, 3))) for one in (line, smooth))
     bands = [in_bands(one, 1.0, EDGES_HZ) for one in (correction, motion)]
     column = -np.concatenate(list(smooth), axis=1)
-    through = crn.operator(crn.Crn(), 0, known, (second[0], 1.0), at)
-    parts = through(np.column_stack([column, correction, *bands]))
+    crn_filter = crn.operator(crn.Crn(), 0, known, (second[0], 1.0), at)
+    parts = crn_filter(np.column_stack([column, correction, *bands]))
     column, correction, *bands = np.split(parts, np.cumsum([6, 1, len(EDGES_HZ) - 1]), axis=1)
     all_at, distance = aligned["time_kbr"].values, aligned["reading_range"].values
     here = np.isin(all_at, at)
@@ -88,39 +88,38 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
         "pointing_density": density,
         "pointing_gain": gain,
     }
-    values |= {f"rate_{name}": apart[name] for name in ("time", "left", "change")} if apart else {}
+    values |= {f"rate_{name}": orbit_lag[name] for name in ("time", "left", "change")} if orbit_lag else {}
     return build(SCHEMAS["align"], values, satellites=equations.attrs["satellites"], ranging=equations.attrs["ranging"])
 
 
 def pointing_gain(line_b: np.ndarray, noise_hz: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Share of the pointing as measured that is motion: frequency (m,) Hz, density (2, 2, m) rad2 Hz-1, gain (2, 2, m).
+    """Wiener filter of the measured pointing: frequency (m,) Hz, density (2, 2, m) rad2 Hz-1, gain (2, 2, m) 0 to 1.
 
     From the one-sided spectrum of y and z of the lines of sight (2, n, 3) at whole seconds, with no motion above
-    `noise_hz`: G = S_t / (S_t + S_n) of a motion S_t observed with white noise S_n (Wiener), zero where noise exceeds
-    motion.
+    `noise_hz`: G = S_t / (S_t + S_n) of a motion S_t in white noise S_n, zero where noise exceeds motion.
     """
     count = line_b.shape[1]
     edges = np.append(np.geomspace(1e-3, noise_hz, 16), np.geomspace(noise_hz, WHITE_HZ, 6)[1:])
-    window, every = np.hanning(count), np.fft.rfftfreq(count, 1.0)
-    slow = least_squares.polynomial(np.arange(count), 2, 0, count)
-    level = least_squares.project_out(slow, np.moveaxis(line_b[..., 1:], 1, 0).reshape(count, 4))
-    power = np.abs(np.fft.rfft(level * window[:, None], axis=0)) ** 2 * 2 / np.sum(window**2)
-    place = np.digitize(every, edges)
-    density = np.stack([power[place == k].mean(axis=0) for k in range(1, edges.size)], axis=-1).reshape(2, 2, -1)
-    noise = power[(every >= noise_hz) & (every < edges[-1])].mean(axis=0).reshape(2, 2, 1)
+    window, frequency = np.hanning(count), np.fft.rfftfreq(count, 1.0)
+    trend = least_squares.polynomial(np.arange(count), 2, 0, count)
+    detrended = least_squares.project_out(trend, np.moveaxis(line_b[..., 1:], 1, 0).reshape(count, 4))
+    power = np.abs(np.fft.rfft(detrended * window[:, None], axis=0)) ** 2 * 2 / np.sum(window**2)
+    bins = np.digitize(frequency, edges)
+    density = np.stack([power[bins == k].mean(axis=0) for k in range(1, edges.size)], axis=-1).reshape(2, 2, -1)
+    noise = power[(frequency >= noise_hz) & (frequency < edges[-1])].mean(axis=0).reshape(2, 2, 1)
     gain = 1 - noise / density
     gain[(np.cumsum(gain < LEAST_GAIN, axis=-1) > 0) | (edges[1:] > noise_hz * 1.001)] = 0.0
     return np.sqrt(edges[1:] * edges[:-1]), density, gain
 
 
 def smoothed(line_b: np.ndarray, frequency: np.ndarray, gain: np.ndarray) -> np.ndarray:
-    """Lines of sight (2, n, 3) as they are expected to be, given those measured; arguments as of `pointing_gain`."""
-    made = line_b.copy()
+    """Lines of sight (2, n, 3) expected from those measured (Wiener filter); arguments as of `pointing_gain`."""
+    smooth = line_b.copy()
     for k, axis in np.ndindex(2, 2):
         share = lambda f, own=gain[k, axis]: np.interp(f, frequency, own, left=1)  # noqa: E731
-        made[k, :, 1 + axis] = filtered(line_b[k, :, 1 + axis], 1.0, share)
-    made[..., 0] = np.sqrt(1 - np.sum(made[..., 1:] ** 2, axis=-1))
-    return made
+        smooth[k, :, 1 + axis] = filtered(line_b[k, :, 1 + axis], 1.0, share)
+    smooth[..., 0] = np.sqrt(1 - np.sum(smooth[..., 1:] ** 2, axis=-1))
+    return smooth
 
 
 @dataclass(frozen=True)
@@ -128,19 +127,19 @@ class Block:
     """One revolution without a change of bias."""
 
     rows: np.ndarray  #: (n,) int, places in the rows of the day
-    place: np.ndarray  #: (n,) int, on the even grid of the block
+    place: np.ndarray  #: (n,) int, index of each reading on the even grid of the block
     slow: np.ndarray  #: (n, k) columns of bias and slow orbit error
     density: np.ndarray  #: (BINS + 1,) m2 Hz-1 of its noise, one-sided, from zero to the Nyquist frequency
     lower: np.ndarray  #: (n, n) m, Cholesky factor of the covariance of its noise
 
     def white(self, columns: np.ndarray) -> np.ndarray:
-        """Columns (n, q) m, whitened, on the even grid (m, q); zero where there is no reading."""
+        """Whitened columns on the even grid (m, q) of columns (n, q) m; zero where there is no reading."""
         grid = np.zeros((self.place[-1] + 1, columns.shape[1]))
         grid[self.place] = solve_triangular(self.lower, columns, lower=True, check_finite=False)
         return grid
 
     def coloured(self, white: np.ndarray) -> np.ndarray:
-        """Columns on the even grid (m, q) m whose whitened ones are given, NaN where there is no reading."""
+        """Columns (m, q) m on the even grid from whitened ones (m, q), NaN where no reading: inverse of `white`."""
         grid = np.full(white.shape, np.nan)
         grid[self.place] = self.lower @ white[self.place]
         return grid
@@ -151,14 +150,14 @@ def blocks(
 ) -> list[Block]:
     """Blocks of a day ("ranging.align"), each at least half full, with the correction `added` (n,) m to the range.
 
-    Powers of whitened rows beside all columns `beside` (n, q), of which any size may be in the range, are exponential
-    about r(f) exp(x(f)), r what the columns leave of white noise; x is scored between knots of the day and of each
-    block until rows are white, from a noise model of `noise_order` coefficients on. Its variance v is that of the
-    scores: a reading whose variance is only known so well has that of Student's t, larger by 1 + v.
+    Whittle likelihood: the periodogram of whitened residuals less columns of any size, `beside` (n, q), is exponential
+    about r(f) exp(x(f)), r the share of white noise outside the columns; x, of knots of the day and levels of blocks,
+    by Fisher scoring until rows are white, from an autoregressive model of `noise_order` on. Its variance v enlarges
+    the density by 1 + v: a reading whose variance is only known so well has that of Student's t.
     """
     time, segment, observed = rows["time"].values, rows["segment"].values, rows["observed"].values + added
     step, number = step_of(rows), np.floor((time - time[0]) / range_block_s).astype(int) * 8 + segment
-    parts = [np.flatnonzero(number == one) for one in np.unique(number)]
+    parts = [np.flatnonzero(number == one) for one in np.unique(number)]  # of one block and segment each
     parts = [part for part in parts if part.size * step > range_block_s / 2]
     if len(parts) < 2:
         revolutions = f"{len(parts)} blocks of {range_block_s:.0f} s that are at least half full"
@@ -169,7 +168,7 @@ def blocks(
     series = [least_squares.project_out(s, observed[p] - observed[p[0]]) for p, s in zip(parts, slow, strict=True)]
     series = [on_even_grid(time[part], step, one) for part, one in zip(parts, series, strict=True)]
     frequency = np.linspace(0, 0.5 / step, BINS + 1)
-    removed = sum(one.shape[1] for one in slow)
+    removed = sum(one.shape[1] for one in slow)  # parameters
     density = [fit_noise(series, noise_order, step, removed).density(frequency)] * len(parts)
     data = np.column_stack([observed, *([] if beside is None else beside.T)])
     knots = log_linear(KNOTS_HZ[KNOTS_HZ * step < 0.501], frequency), log_linear(LEVELS_HZ, frequency)
@@ -184,53 +183,54 @@ def blocks(
 
 
 def _block(rows, place, slow, density, step):
-    by_lag = np.fft.irfft(density, 2 * BINS) * (0.5 / step)
-    by_lag[0] *= 1 + ROUNDING
-    return Block(rows, place, slow, density, cholesky(by_lag[np.abs(place[:, None] - place)], lower=True))
+    """Block whose covariance is the autocovariance of a density (BINS + 1,) m2 Hz-1; step s."""
+    autocovariance = np.fft.irfft(density, 2 * BINS) * (0.5 / step)
+    autocovariance[0] *= 1 + ROUNDING
+    return Block(rows, place, slow, density, cholesky(autocovariance[np.abs(place[:, None] - place)], lower=True))
 
 
-def _scored(made, data, knots, level):
-    """Changes of the logarithms of the spectrum of the day (m,) and of levels (k, 2), and variance (k, m) of both."""
-    slow = [least_squares.orthonormal(one.white(one.slow)) for one in made]
-    clean = [one.white(data[one.rows] - data[one.rows[0]]) for one in made]
+def _scored(parts, data, knots, level):
+    """Changes of the log density of the day (m,) and of levels (k, 2) by Fisher scoring, variance (k, m) of both."""
+    slow = [least_squares.orthonormal(one.white(one.slow)) for one in parts]
+    clean = [one.white(data[one.rows] - data[one.rows[0]]) for one in parts]
     clean = np.concatenate([own - basis @ (basis.T @ own) for own, basis in zip(clean, slow, strict=True)])
-    common = least_squares.orthonormal(clean[:, 1:])
-    left = np.column_stack([clean[:, 0] - common @ (common.T @ clean[:, 0]), common])
+    common = least_squares.orthonormal(clean[:, 1:])  # directions of the columns of any size
+    residual = np.column_stack([clean[:, 0] - common @ (common.T @ clean[:, 0]), common])
     cuts, count, width = np.cumsum([len(one) for one in slow])[:-1], knots[0].shape[1], level.shape[1]
-    powers, shares = [], []
-    for k, (one, basis, rest) in enumerate(zip(made, slow, np.split(left, cuts), strict=True)):
-        wave = np.arange(1, len(rest) // 2)
-        power = np.abs(np.fft.rfft(np.column_stack([rest, basis]), axis=0)[wave]) ** 2 / one.place.size
-        kept, place = 1 - power[:, 1:].sum(axis=1), np.rint(2 * BINS * wave / len(rest)).astype(int)
-        share = np.zeros((wave.size, count + level.size))
-        share[:, :count], share[:, count + k * width : count + (k + 1) * width] = (one[place] for one in knots)
-        powers.append((power[:, 0] / kept)[kept > KEPT])
-        shares.append(share[kept > KEPT])
-    power, share = np.concatenate(powers), np.concatenate(shares)
+    powers, all_weights = [], []
+    for k, (one, basis, rest) in enumerate(zip(parts, slow, np.split(residual, cuts), strict=True)):
+        ordinate = np.arange(1, len(rest) // 2)
+        power = np.abs(np.fft.rfft(np.column_stack([rest, basis]), axis=0)[ordinate]) ** 2 / one.place.size
+        outside, place = 1 - power[:, 1:].sum(axis=1), np.rint(2 * BINS * ordinate / len(rest)).astype(int)
+        weights = np.zeros((ordinate.size, count + level.size))
+        weights[:, :count], weights[:, count + k * width : count + (k + 1) * width] = (one[place] for one in knots)
+        powers.append((power[:, 0] / outside)[outside > KEPT])
+        all_weights.append(weights[outside > KEPT])
+    power, weights = np.concatenate(powers), np.concatenate(all_weights)
     begin = np.concatenate([np.zeros(count), level.ravel()])
     value, prior = begin, np.repeat([LOOSE, 1.0], [count, level.size])
     for _ in range(SCORINGS):
-        right = share.T @ (power * np.exp(-share @ (value - begin)) - 1) - prior * value
-        value = value + np.clip(np.linalg.solve(share.T @ share + np.diag(prior), right), -1, 1)
-    covariance, both = np.linalg.inv(share.T @ share + np.diag(prior)), np.column_stack(knots)
-    own = [np.r_[:count, count + k * width : count + (k + 1) * width] for k in range(len(made))]
-    variance = [np.sum(both @ covariance[np.ix_(one, one)] * both, axis=1) for one in own]
+        right = weights.T @ (power * np.exp(-weights @ (value - begin)) - 1) - prior * value  # gradient
+        value = value + np.clip(np.linalg.solve(weights.T @ weights + np.diag(prior), right), -1, 1)
+    covariance, knot_shares = np.linalg.inv(weights.T @ weights + np.diag(prior)), np.column_stack(knots)
+    own = [np.r_[:count, count + k * width : count + (k + 1) * width] for k in range(len(parts))]
+    variance = [np.sum(knot_shares @ covariance[np.ix_(one, one)] * knot_shares, axis=1) for one in own]
     return knots[0] @ value[:count], value[count:].reshape(level.shape) - level, variance
 
 
 def angles(rows: xr.Dataset) -> np.ndarray:
-    """Pitch and yaw (n, 2, 2) rad of both satellites against the line of sight."""
+    """Pitch and yaw (n, 2, 2) rad of the line of sight in the body, by satellite."""
     x, y, z = np.moveaxis(-rows["column"].values.reshape(-1, 2, 3), -1, 0)
     return np.stack([np.arctan2(-z, x), np.arctan2(y, x)], axis=-1)
 
 
 def step_of(rows: xr.Dataset) -> float:
-    """Step of the readings, s."""
+    """Median spacing s of the readings."""
     return float(np.median(np.diff(rows["time"].values)))
 
 
 def estimate(rows: xr.Dataset, *, determined_limit_mm: float, **settings) -> xr.Dataset:
-    """Phase centres from routine pointing, and the share of the antenna correction that the range shows by band.
+    """Product "ranging.estimate": phase centres, and share of the antenna correction that the range shows by band.
 
     Of "ranging.align"; a component with a larger sigma than the limit is not determined; settings as of `blocks`.
 
@@ -240,16 +240,16 @@ def estimate(rows: xr.Dataset, *, determined_limit_mm: float, **settings) -> xr.
     E[l | measured] in place of l the estimate is not diluted; the rest of l, times the lever, is in the measured noise.
     """
     observed, band, smooth, time = (rows[n].values for n in ("observed", "correction_band", "smoothed_band", "time"))
-    own, shared = 1e-3 * rows["column"].values, -band
-    parts = blocks(rows, **settings, beside=np.column_stack([own, shared]))
-    information, right, excess = equations_of(parts, rows, observed, own)
+    by_centre, by_share = 1e-3 * rows["column"].values, -band
+    parts = blocks(rows, **settings, beside=np.column_stack([by_centre, by_share]))
+    information, right, excess = equations_of(parts, rows, observed, by_centre)
     limit, starts = np.full(6, determined_limit_mm), [time[part.rows[0]] for part in parts]
     solution = named_parameters.estimated(NAMES, ["mm"] * 6, limit, information, right, starts)
-    of_share, share_right, share_excess = equations_of(parts, rows, observed, shared)
+    of_share, share_right, share_excess = equations_of(parts, rows, observed, by_share)
     covariance = least_squares.covariance(of_share.sum(axis=0))
-    data = np.column_stack([observed - observed[0], own])
+    data = np.column_stack([observed - observed[0], by_centre])
     series = np.concatenate([least_squares.project_out(part.slow, data[part.rows]) for part in parts])
-    weight, kept, _ = equations_of(parts, rows, -smooth.sum(axis=1), shared)
+    motion_information, motion_right, _ = equations_of(parts, rows, -smooth.sum(axis=1), by_share)
     solution |= {
         "time": time[np.concatenate([part.rows for part in parts])],
         "residual": series[:, 0],
@@ -257,7 +257,7 @@ def estimate(rows: xr.Dataset, *, determined_limit_mm: float, **settings) -> xr.
         "edge": rows["edge"].values,
         "share": covariance @ share_right.sum(axis=0),
         "share_covariance": covariance,
-        "expected": least_squares.stable_inverse(weight.sum(axis=0)) @ kept.sum(axis=0),
+        "expected": least_squares.stable_inverse(motion_information.sum(axis=0)) @ motion_right.sum(axis=0),
         "excess": [excess, share_excess],
         "density": [_densities(rows, parts, observed + more) for more in (0.0, band.sum(axis=1), smooth.sum(axis=1))],
     }
@@ -267,7 +267,7 @@ def estimate(rows: xr.Dataset, *, determined_limit_mm: float, **settings) -> xr.
 def equations_of(
     parts: list[Block], rows: xr.Dataset, observed: np.ndarray, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Normal equations (k, p, p), (k, p) of columns (n, p) in every block, with the noise that wrong times show.
+    """Normal equations (k, p, p), (k, p) of columns (n, p) in k blocks, over a variance inflation factor, and this.
 
     Orbit errors and pointing both follow the orbit. Columns moved by whole revolutions cannot be there: where they
     gain more than one each in chi-square, on average, variances are larger by this excess.
@@ -281,12 +281,12 @@ def equations_of(
     sums = []
     for part in parts:
         white = least_squares.project_out(part.white(part.slow), part.white(data[part.rows] - data[part.rows[0]]))
-        each = white[:, 1:].reshape(len(white), lags.size, -1)
-        sums.append((np.einsum("nli,nlj->lij", each, each), np.einsum("nli,n->li", each, white[:, 0])))
+        lagged = white[:, 1:].reshape(len(white), lags.size, -1)
+        sums.append((np.einsum("nli,nlj->lij", lagged, lagged), np.einsum("nli,n->li", lagged, white[:, 0])))
     information, right = (np.stack(one, axis=1) for one in zip(*sums, strict=True))
     wrong = zip(information[1:].sum(axis=1), right[1:].sum(axis=1), strict=True)
-    gains = [side @ least_squares.stable_inverse(normal) @ side for normal, side in wrong]
-    excess = max(float(np.mean(gains)) / column.shape[1], 1.0)
+    gain_of_lag = [side @ least_squares.stable_inverse(normal) @ side for normal, side in wrong]
+    excess = max(float(np.mean(gain_of_lag)) / column.shape[1], 1.0)
     return information[0] / excess, right[0] / excess, excess
 
 
@@ -298,7 +298,7 @@ def whitened_power(part: Block, observed: np.ndarray, step_s: float) -> tuple[np
 
 
 def _densities(rows, parts, observed):
-    """Mean one-sided density (b,) m2 Hz-1 by band of a range (n,)."""
+    """Mean over blocks of the one-sided density (b,) m2 Hz-1, by band, of a range (n,) m."""
     edges, step, means = rows["edge"].values, step_of(rows), []
     for part in parts:
         frequency, power = whitened_power(part, observed, step)

@@ -1,4 +1,4 @@
-"""Routine pointing as discovery sees it: blocks of a revolution, and the effects that a range can show.
+"""Observations of routine pointing for discovery: blocks of a revolution, and the effects that a range can show.
 
 No parameter but bias and slow orbit error of each block is free in the baseline. The antenna correction is that of the
 pointing as measured; its noise and phase centres are among the causes. Noise is measured beside all of them at once.
@@ -47,7 +47,7 @@ def observe(
 
 
 def _late_orbit(rows):
-    """Observations of a day with one orbit of another time, by the range rate."""
+    """Observations (LateTags) of a day with one orbit of another time, by the range rate."""
     which = int(np.argmax(np.abs(rows["late"].values[3:])))
     series = (rows[name].values for name in ("rate_time", "rate_left", "rate_change"))
     delay = Parameter(float(rows["late"].values[3 + which]), WHOLE_S, "s")
@@ -55,18 +55,18 @@ def _late_orbit(rows):
 
 
 def late_columns(rows: xr.Dataset) -> dict[str, np.ndarray]:
-    """Columns m s-1 of late tags {slug: (n, 1)}, of their whole size, where records are off by more than pointing is.
+    """Columns {slug: (n, 1)} m s-1 of the range by a delay, secants over all of it, of tags off by more than LATE_S.
 
-    Nothing else can be told from records of different times. Lines of sight by late star cameras are those of a
+    Nothing else can be separated in records of different times. Lines of sight by late star cameras are those of a
     satellite turned by degrees, so that their antenna correction is all error.
     """
     ranging, cameras = rows["late"].values[0], rows["late"].values[1:3]
     camera = np.mean(cameras[np.abs(cameras) > LATE_S]) if np.max(np.abs(cameras)) > LATE_S else 0.0
     time, distance, columns = rows["time"].values, rows["range"].values, {}
     if abs(ranging) > LATE_S:
-        then = CubicHermiteSpline(time, distance, rows["range_rate"].values)
-        at = np.clip(time + ranging, time[0], time[-1])
-        columns["ranging.delay"] = (distance - then(at))[:, None] / ranging
+        range_at = CubicHermiteSpline(time, distance, rows["range_rate"].values)
+        moved = np.clip(time + ranging, time[0], time[-1])
+        columns["ranging.delay"] = (distance - range_at(moved))[:, None] / ranging
     if camera:
         columns["timing.star_camera_delay"] = rows["correction"].values[:, None] / camera
     return columns
@@ -77,7 +77,7 @@ class Routine(Observations):
     """Observations of a day of routine pointing."""
 
     rows: xr.Dataset  #: "ranging.align"
-    parts: list[model.Block]
+    parts: list[model.Block]  #: revolutions with their noise
     nominal: np.ndarray  #: (2, 3) m, phase centres of the catalogue
     added: np.ndarray | float  #: (n,) m, antenna correction
     determined_limit_mm: float  #: mm, largest sigma of a component that is determined
@@ -90,7 +90,7 @@ class Routine(Observations):
 
     @functools.cached_property
     def context(self) -> Context:
-        """What the effects look at, at every reading."""
+        """Context of the effects at every reading: pointing, range, place on the orbit, warmth."""
         extra = {name: self.rows[name].values for name in ("range", "range_rate", "argument", "warmth")} | {
             "line_of_sight_b": -self.rows["column"].values.reshape(-1, 2, 3),
             "antenna_x": self.nominal[:, 0],
@@ -102,7 +102,7 @@ class Routine(Observations):
 
     @functools.cached_property
     def blocks(self) -> list[records.Block]:
-        """One block a revolution."""
+        """One block a revolution, whitened, with bias and slow orbit error as local columns."""
         observed, made, step = self.rows["observed"].values + self.added, [], model.step_of(self.rows)
         for part in self.parts:
             first = self.context.time[part.rows[0]]
@@ -113,22 +113,22 @@ class Routine(Observations):
 
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
-        """Effects of the catalogue, less what bias and slow orbit error take of them."""
-        made = []
+        """Candidates of the effects in every block, bias and slow orbit error projected out, whitened."""
+        causes = []
         for entry, columns in self.laws:
             rows = [part.white(least_squares.project_out(part.slow, columns[part.rows])) for part in self.parts]
-            made.append(listed(entry, rows, kept=slice(columns.shape[1])))
-        return made
+            causes.append(listed(entry, rows, kept=slice(columns.shape[1])))
+        return causes
 
     @functools.cached_property
     def laws(self) -> list[tuple[Effect, np.ndarray]]:
-        """Effects with their columns (n, q) at every reading, of a ripple the sines; late tags alone where they are."""
+        """Effects with their columns (n, q) at every reading, of a ripple the sines; late tags alone if any."""
         late = late_columns(self.rows)
         made = [(one, late[one.slug] if late else one.columns(self.context)) for one in map(effect, late or EFFECTS)]
         return [(one, columns[:, : None if one.linear else 4]) for one, columns in made]
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
-        """Time, range less orbit as the phase centres of the catalogue predict it, and rows in metres."""
+        """Time (m,) s, range less orbit (m, 1) m by the phase centres of the catalogue, and rows (q, m, 1) m."""
         part, block = self.parts[number], self.blocks[number]
         predicted = np.zeros(block.time.size)
         predicted[part.place] = self.rows["column"].values[part.rows] @ self.nominal.ravel()

@@ -12,7 +12,7 @@ CORRECTIONS = ("none", "as_measured", "smoothed")
 
 
 def content(products):
-    """Facts of the record, and what follows the result."""
+    """Facts {name: number} of the record, and the sections of the page after the result; products {stage: Dataset}."""
     estimate = products["estimate"]
     facts = {
         "satellites": products["align"].attrs["satellites"],
@@ -45,14 +45,14 @@ def shares(estimate):
 
 
 def more(products):
-    """Shares by band, and the sentence on them."""
+    """{"share": rows of `shares`} for the document, and a sentence on all bands but the first."""
     rows = shares(products["estimate"])
-    said = ["{:.2f} +- {:.2f} at {:g} to {:g}".format(one["value"], one["sigma"], *one["band_mhz"]) for one in rows[1:]]
-    return {"share": rows}, f" The range shows of the antenna correction {', '.join(said)} mHz."
+    text = ["{:.2f} +- {:.2f} at {:g} to {:g}".format(one["value"], one["sigma"], *one["band_mhz"]) for one in rows[1:]]
+    return {"share": rows}, f" The range shows of the antenna correction {', '.join(text)} mHz."
 
 
 @WORDS.figure("estimate", "align")
-def _share(panels, estimate, aligned):
+def _share(panels, estimate, aligned):  # shares by band; density of the pointing and what the filter keeps
     left, right = panels
     edge, known = 1e3 * estimate["edge"].values, slice(1, None)
     middle = np.sqrt(edge[1:] * edge[:-1])[known]
@@ -75,7 +75,7 @@ def _share(panels, estimate, aligned):
 
 
 @WORDS.figure("estimate")
-def _range(panels, estimate):
+def _range(panels, estimate):  # ranging minus orbit, mm, and its part by the phase centres, um
     above, below = panels
     hours = (estimate["time"].values - estimate["time"].values[0]) / 3600
     residual, fitted = (opened(hours, estimate[name].values, 0.1) for name in ("residual", "fitted"))

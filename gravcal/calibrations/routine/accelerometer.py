@@ -1,4 +1,4 @@
-"""Readings of an accelerometer on a routine day, and what firings, torquers and turns of the satellite make of them."""
+"""Accelerometer of a routine day: readings by step, and their linear model of firings, torquers and rotation."""
 
 from collections.abc import Iterator
 
@@ -20,15 +20,15 @@ from gravcal.physics import frames, magnetic
 
 SCHEMAS = schemas.of("routine.toml")
 
-LEAST = 40  # steps with a reading
+LEAST = 40  # least number of steps with a reading
 #: Thrusters k and k + 6 of THR1B fire together, without a net force if they are alike.
 PAIRS = ("yaw_minus", "pitch_plus", "yaw_plus", "pitch_minus", "roll_minus", "roll_plus")
 COMPONENTS = ("linear_x", "linear_y", "linear_z", "angular_x", "angular_y", "angular_z")
 ITERATIONS = 5  # of noise and delay
-CALMER = 5  # times that samples beyond noise are left out of it
-TOGETHER_S = 8.0  # of the samples of a transient
-LATEST_S = 5.0  # by which tags of firings are late or early, about a lag that stands out
-APART_S = 600  # longest lag that is looked for
+CALMER = 5  # iterations of noise model and rejection of outliers
+TOGETHER_S = 8.0  # s, samples beyond noise this close are one transient
+LATEST_S = 5.0  # s, half of the range of delays of firings tried, about zero or about a lag that stands out
+APART_S = 600  # s, longest lag that is tried
 FORCE, TORQUE, DELAY = "unknown:thruster_force", "unknown:thruster_torque", "timing.thruster_delay"
 
 
@@ -47,7 +47,7 @@ def align(
     clock_gap_limit_s: float,
     igrf_generation: int,
 ) -> xr.Dataset:
-    """Readings averaged over steps, with torquers and firings beside them.
+    """Product "routine.align": readings averaged over steps of step_s, torquers over the same steps, and firings.
 
     Given are "ingest" of ACC1A, SCA1B, GNV1B, TIM1B and CLK1B, others those of MAG1B and THR1B, as far as there are.
     Settings have inertia (3, 3), dipole_per_current (3,) A m2 mA-1, position_b and force_b (14, 3) as THR1B has them.
@@ -76,10 +76,10 @@ def align(
     middle = first + step_s * (np.arange(count.size) + 0.5)
     # a firing is short, samples are not at whole tenths: a mean belongs to the time that its samples cover
     half = np.median(np.diff(time)) / 2
-    held = np.flatnonzero(count)
+    occupied = np.flatnonzero(count)
     ends = np.stack([middle - step_s / 2, middle + step_s / 2])
-    ends[0, held] = np.minimum.reduceat(time, np.searchsorted(place, held)) - half
-    ends[1, held] = np.maximum.reduceat(time, np.searchsorted(place, held)) + half
+    ends[0, occupied] = np.minimum.reduceat(time, np.searchsorted(place, occupied)) - half
+    ends[1, occupied] = np.maximum.reduceat(time, np.searchsorted(place, occupied)) + half
     aligned = {"time": middle, "linear_b": mean[:, :3], "angular_b": mean[:, 3:], "step": step_s}
     aligned |= {"begin": ends[0], "end": ends[1]}
     aligned |= _torquers(by_product.get("MAG1B"), ends, np.asarray(dipole_per_current))
@@ -87,41 +87,41 @@ def align(
     field_b, _ = field_at(np.clip(middle, sca_time[0], sca_time[-1]))
     torque = np.cross(aligned["dipole_b"], field_b)
     aligned |= {"magnetic_b": np.linalg.solve(inertia, torque.T).T}
-    lever = np.cross(np.asarray(position_b)[:12], np.asarray(force_b)[:12])
+    lever = np.cross(np.asarray(position_b)[:12], np.asarray(force_b)[:12])  # N m, each thruster
     aligned |= _firings(by_product.get("THR1B")) | {"nominal_b": np.linalg.solve(inertia, (lever[:6] + lever[6:]).T).T}
     return build(SCHEMAS["align"], aligned)
 
 
 def _torquers(mag, ends, dipole_per_current):
-    """Mean dipole of every step and its rate.
+    """Mean dipole (n, 3) A m2 in steps with ends (2, n) s and its rate (n, 3) A m2 s-1, from MAG1B; zero without it.
 
-    When a current changes between two records is not known; the mean of what it can be there keeps a gain undiluted.
+    When a current changes between two records is not known; its expectation, linear in between, does not bias a gain.
     """
     if mag is None:
         return {name: np.zeros((ends.shape[1], 3)) for name in ("dipole_b", "dipole_rate_b")}
     time, current = usable(mag, ("current_b",))
     fine = np.linspace(*ends, 21)[1::2]
     dipole = np.stack([np.interp(fine, time, one).mean(axis=0) for one in current.T], axis=1) * dipole_per_current
-    between = np.stack([np.interp(ends, time, one) for one in current.T], axis=2)
-    rate = (between[1] - between[0]) / (ends[1] - ends[0])[:, None] * dipole_per_current
-    outside = (ends[0] < time[0]) | (ends[1] > time[-1])
-    dipole[outside] = rate[outside] = 0.0
+    at_ends = np.stack([np.interp(ends, time, one) for one in current.T], axis=2)
+    rate = (at_ends[1] - at_ends[0]) / (ends[1] - ends[0])[:, None] * dipole_per_current
+    uncovered = (ends[0] < time[0]) | (ends[1] > time[-1])
+    dipole[uncovered] = rate[uncovered] = 0.0
     return {"dipole_b": dipole, "dipole_rate_b": rate}
 
 
 def _firings(fired):
-    """Begin of every firing of attitude thrusters, and time on of each pair."""
+    """Begin (k,) s of every firing of "ingest" of THR1B or None, and time on (k, 6) s of each pair of thrusters."""
     if fired is None:
         return {"firing": np.zeros(0), "on": np.zeros((0, 6))}
     names = [name for name in fired.data_vars if name.startswith("on_time")][:12]
     time, values = usable(fired, tuple(names))
     on = 5e-4 * (values[:, :6] + values[:, 6:])  # ms in the file, two thrusters a pair
-    used = on.sum(axis=1) > 0
-    return {"firing": time[used], "on": on[used]}
+    fires = on.sum(axis=1) > 0
+    return {"firing": time[fires], "on": on[fires]}
 
 
 def duty(aligned: xr.Dataset, delay_s: float) -> np.ndarray:
-    """Share (n, 6) of every step in which each pair is on, if tags of firings are late by so many seconds."""
+    """Duty cycle (n, 6) of each pair of thrusters in every step, if tags of firings are late by delay_s."""
     ends = np.stack([aligned["begin"].values, aligned["end"].values])
     seconds = np.zeros((ends.shape[1], len(PAIRS)))
     for pair in range(len(PAIRS)):
@@ -136,51 +136,51 @@ def duty(aligned: xr.Dataset, delay_s: float) -> np.ndarray:
 
 
 def causes(aligned: xr.Dataset, delay_s: float, amplitude: np.ndarray) -> list[Candidate]:
-    """What the readings (n, 6) may follow, tags of firings late by so many seconds; the form begins parameters' names.
+    """Candidates with columns (n, 6, q) of the readings, tags of firings late by delay_s; forms prefix their names.
 
-    The amplitude (6 pairs, 6) is the reading by each pair while on, which says what a further delay does.
+    The amplitude (6 pairs, 6) is the reading by each pair while on, which gives the derivative by the delay.
 
     Notes
     -----
-    Of the offset the Euler term alone, reading = -(alpha x p_CoM): CoM paper eq. 5; alpha by firings (what they did, in
+    Of the offset the Euler term alone, reading = -(alpha x p_CoM): CoM paper eq. 5; alpha by firings (as estimated, in
     `amplitude`) and torquers. On a routine day the centrifugal term is slow.
     """
     share, count = duty(aligned, delay_s), aligned.sizes["time"]
     by_pair = np.einsum("np,ca->ncpa", share, np.eye(6))
     force, torque = (by_pair[..., part].reshape(count, 6, 18) for part in (slice(3), slice(3, None)))
-    named = [f"{pair}_{axis}" for pair in PAIRS for axis in "xyz"]
-    ahead = (duty(aligned, delay_s + 0.005) - duty(aligned, delay_s - 0.005)) / 0.01
+    pair_axes = [f"{pair}_{axis}" for pair in PAIRS for axis in "xyz"]
+    duty_by_delay = (duty(aligned, delay_s + 0.005) - duty(aligned, delay_s - 0.005)) / 0.01
     alpha = share @ amplitude[:, 3:] + aligned["magnetic_b"].values
-    turned = np.stack([-np.cross(alpha, unit) for unit in np.eye(3)], axis=2)
+    by_offset = np.stack([-np.cross(alpha, unit) for unit in np.eye(3)], axis=2)
     contexts = [Context(aligned["time"].values, dipole_b=aligned[n].values) for n in ("dipole_b", "dipole_rate_b")]
-    leak, offset, late = map(effect, ("accelerometer.current_leak", "accelerometer.offset", DELAY))
+    leak, offset, delay = map(effect, ("accelerometer.current_leak", "accelerometer.offset", DELAY))
     padded = lambda linear: np.concatenate([linear, np.zeros_like(linear)], axis=1)  # noqa: E731
-    by_current, by_rate = (padded(leak.columns(one)) for one in contexts)
+    by_current, by_rate = (padded(leak.columns(context)) for context in contexts)
     pairs = [p.name for p in leak.parameters]
-    magnetic = np.concatenate([np.zeros((count, 3, 3)), aligned["magnetic_b"].values[:, :, None] * np.eye(3)], axis=1)
+    torquer = np.concatenate([np.zeros((count, 3, 3)), aligned["magnetic_b"].values[:, :, None] * np.eye(3)], axis=1)
     return [
-        Candidate(FORCE, "force", named, ["m s-2"] * 18, [force], [1e-6] * 18),
-        Candidate(TORQUE, "torque", named, ["rad s-2"] * 18, [torque], [1e-4] * 18),
-        listed(late, [(ahead @ amplitude)[:, :, None]]),
-        Candidate("unknown:torquer_torque", "torquer", list("xyz"), ["1"] * 3, [magnetic], [1.0] * 3),
+        Candidate(FORCE, "force", pair_axes, ["m s-2"] * 18, [force], [1e-6] * 18),
+        Candidate(TORQUE, "torque", pair_axes, ["rad s-2"] * 18, [torque], [1e-4] * 18),
+        listed(delay, [(duty_by_delay @ amplitude)[:, :, None]]),
+        Candidate("unknown:torquer_torque", "torquer", list("xyz"), ["1"] * 3, [torquer], [1.0] * 3),
         listed(leak, [by_current], "leak"),
         Candidate("unknown:current_rate", "rate_leak", pairs, ["m s-1 A-1 m-2"] * 9, [by_rate], [1e-10] * 9),
-        listed(offset, [padded(turned)], "offset"),
+        listed(offset, [padded(by_offset)], "offset"),
     ]
 
 
 def blocks(aligned: xr.Dataset, block_s: float, knot_s: float) -> Iterator[tuple[np.ndarray, np.ndarray, np.ndarray]]:
-    """Rows (m,) of each block that is at least half full, the slow part (m, k) of a reading, and where one is (m,)."""
+    """Each block at least half full: steps (m,) int, cubic splines (m, k) of the slow part, valid (m,) bool."""
     time = aligned["time"].values
-    there = np.isfinite(aligned["linear_b"].values).all(axis=1) & np.isfinite(aligned["angular_b"].values).all(axis=1)
+    valid = np.isfinite(aligned["linear_b"].values).all(axis=1) & np.isfinite(aligned["angular_b"].values).all(axis=1)
     number = np.minimum(np.floor((time - time[0]) / block_s), max(np.ceil(np.ptp(time) / block_s - 0.5) - 1, 0))
-    for one in np.unique(number):
-        rows = np.flatnonzero(number == one)
-        if there[rows].sum() > max(rows.size / 2, 10):
+    for block in np.unique(number):
+        rows = np.flatnonzero(number == block)
+        if valid[rows].sum() > max(rows.size / 2, 10):
             start, stop = time[rows[0]], time[rows[-1]] + 1e-6
             inner = np.linspace(start, stop, max(int(np.ceil((stop - start) / knot_s)), 1) + 1)
             knots = np.concatenate([np.full(3, start), inner, np.full(3, stop)])
-            yield rows, BSpline.design_matrix(time[rows], knots, 3).toarray(), there[rows]
+            yield rows, BSpline.design_matrix(time[rows], knots, 3).toarray(), valid[rows]
 
 
 def readings(aligned: xr.Dataset) -> np.ndarray:
@@ -199,146 +199,146 @@ def estimate(
     determined_ratio: float,
     transient_sigma: float,
 ) -> xr.Dataset:
-    """All causes together ("routine.align"), by the noise that they leave; the slow part of every block free."""
-    pieces, observed, by_component = list(blocks(aligned, block_s, knot_s)), readings(aligned), [None] * 6
+    """Product "routine.estimate": all causes in one least-squares fit to "routine.align", whitened by its residual."""
+    pieces, observed, models = list(blocks(aligned, block_s, knot_s)), readings(aligned), [None] * 6
     delay = _first_delay(aligned, pieces, observed)
     amplitude = np.concatenate([np.zeros((6, 3)), aligned["nominal_b"].values], axis=1)
-    value, kept = None, pieces  # what is beyond noise is left out of the fit
+    value, kept = None, pieces  # the slow part of each block is free; outliers are left out of the fit
     for number in range(ITERATIONS):
-        known = causes(aligned, delay, amplitude)
-        size = np.concatenate([one.prior for one in known])
-        design = np.concatenate([one.columns[0] for one in known], axis=2) * size
+        candidates = causes(aligned, delay, amplitude)
+        prior = np.concatenate([candidate.prior for candidate in candidates])
+        design = np.concatenate([candidate.columns[0] for candidate in candidates], axis=2) * prior  # in prior sigmas
         if value is not None:
-            left = _left(pieces, observed - design @ (value / size))
-            by_component, calm = noises(aligned, pieces, left, noise_order, design.shape[2] // 6, transient_sigma)
-            kept = calm if number > 2 else pieces  # before, it may be a delay that is not yet known
-        information, right = _normal(kept, observed, design, by_component)
+            residuals = _left(pieces, observed - design @ (value / prior))
+            models, cleaned = noises(aligned, pieces, residuals, noise_order, design.shape[2] // 6, transient_sigma)
+            kept = cleaned if number > 2 else pieces  # before, it may be a delay that is not yet known
+        information, right = _normal(kept, observed, design, models)
         scaled = least_squares.stable_inverse(information.sum(axis=0)) @ right.sum(axis=0)
-        moved = float(scaled[36] * size[36])
-        amplitude = np.concatenate([(scaled * size)[k : k + 18].reshape(6, 3) for k in (0, 18)], axis=1)
+        delay_step = float(scaled[36] * prior[36])  # s; parameter 36 is the delay, after 18 forces and 18 torques
+        amplitude = np.concatenate([(scaled * prior)[k : k + 18].reshape(6, 3) for k in (0, 18)], axis=1)
         amplitude[:, 3:] += 0.0 if observed[:, 3:].any() else aligned["nominal_b"].values  # of a transplant
-        amplitude[:, :3] -= np.cross(amplitude[:, 3:], (scaled * size)[-3:])  # the offset may undo most of a force
-        value = np.where(np.arange(size.size) == 36, 0.0, scaled * size)
-        delay += moved
-    names = ["_".join(filter(None, (one.form, name))) for one in known for name in one.names]
-    whole = np.where(np.arange(size.size) == 36, delay, value) / size
-    gains = _gains(known, information.sum(axis=0), whole)
-    units = [unit for one in known for unit in one.units]
-    right += information[:, :, 36] * (delay - moved) / size[36]  # the last step of the delay was about this one
+        amplitude[:, :3] -= np.cross(amplitude[:, 3:], (scaled * prior)[-3:])  # the offset may undo most of a force
+        value = np.where(np.arange(prior.size) == 36, 0.0, scaled * prior)
+        delay += delay_step
+    names = ["_".join(filter(None, (candidate.form, name))) for candidate in candidates for name in candidate.names]
+    total = np.where(np.arange(prior.size) == 36, delay, value) / prior
+    gains = _gains(candidates, information.sum(axis=0), total)
+    units = [unit for candidate in candidates for unit in candidate.units]
+    right += information[:, :, 36] * (delay - delay_step) / prior[36]  # the last step of the delay was about this one
     group = np.arange(len(pieces)) * parts // len(pieces)
     groups = [group == number for number in np.unique(group)]
     both = [np.stack([each[g].sum(axis=0) for g in groups]) for each in (information, right)]
     starts = [aligned["time"].values[pieces[np.flatnonzero(g)[0]][0][0]] for g in groups]
-    solution = named_parameters.estimated(names, units, np.full(size.size, determined_ratio), *both, starts, size)
-    fitted = design @ (value / size)
-    solution |= {"cause": [one.cause for one in known], "gain": gains[0], "chance": gains[1]}
-    left, rows = _left(pieces, observed - fitted), np.concatenate([rows for rows, *_ in pieces])
-    rest = np.concatenate(left)
-    solution |= {"time": aligned["time"].values[rows], "measured": rest + fitted[rows], "fitted": fitted[rows]}
-    return build(SCHEMAS["estimate"], solution | _transients(aligned, pieces, left, by_component, transient_sigma))
+    solution = named_parameters.estimated(names, units, np.full(prior.size, determined_ratio), *both, starts, prior)
+    fitted = design @ (value / prior)
+    solution |= {"cause": [candidate.cause for candidate in candidates], "gain": gains[0], "chance": gains[1]}
+    residuals, rows = _left(pieces, observed - fitted), np.concatenate([rows for rows, *_ in pieces])
+    residual = np.concatenate(residuals)
+    solution |= {"time": aligned["time"].values[rows], "measured": residual + fitted[rows], "fitted": fitted[rows]}
+    return build(SCHEMAS["estimate"], solution | _transients(aligned, pieces, residuals, models, transient_sigma))
 
 
 def noises(
     aligned: xr.Dataset, pieces, left: list[np.ndarray], noise_order: int, parameters: int, limit: float
 ) -> tuple[list[NoiseModel | None], list[tuple]]:
-    """Noise of each component by what is left (m, 6) of every block, and the blocks without samples so far beyond it.
+    """Noise model of each component from residuals `left`, (m, 6) of every block, and the blocks without outliers.
 
-    Of a component without a reading it is None. What is near such a sample is left out of the noise as well, for what
-    swings fades slowly; each time the noise is smaller.
+    None for a component without a reading. Outliers are beyond `limit` sigma; samples near one are left out of noise
+    too, for an oscillation fades slowly; each time the noise is smaller. `parameters` were fitted to each component.
     """
-    removed = parameters + sum(slow.shape[1] for _, slow, _ in pieces)
-    order = max(min(noise_order, sum(there.sum() for *_, there in pieces) // 40), 1)
-    quiet, step = [there for *_, there in pieces], float(aligned["step"])
+    removed = parameters + sum(slow.shape[1] for _, slow, _ in pieces)  # of each component
+    order = max(min(noise_order, sum(valid.sum() for *_, valid in pieces) // 40), 1)
+    retained, step = [valid for *_, valid in pieces], float(aligned["step"])
     wide = np.ones(2 * int(TOGETHER_S / step) + 1, dtype=bool)
     for _ in range(CALMER):
-        calm = [np.where(still[:, None], one, np.nan) for still, one in zip(quiet, left, strict=True)]
-        made = (fit_noise([one[:, c] for one in calm], order, step, removed) for c in range(6))
-        models = [one if read else None for one, read in zip(made, readings(aligned).any(axis=0), strict=True)]
-        far = [np.abs(one).max(axis=1) >= limit for one in _white(pieces, left, models)]
-        quiet = [there & ~binary_dilation(one, wide) for (*_, there), one in zip(pieces, far, strict=True)]
-    return models, [(rows, slow, there & ~one) for (rows, slow, there), one in zip(pieces, far, strict=True)]
+        masked = [np.where(still[:, None], one, np.nan) for still, one in zip(retained, left, strict=True)]
+        fits = (fit_noise([one[:, c] for one in masked], order, step, removed) for c in range(6))
+        models = [one if read else None for one, read in zip(fits, readings(aligned).any(axis=0), strict=True)]
+        outlying = [np.abs(one).max(axis=1) >= limit for one in _white(pieces, left, models)]
+        retained = [valid & ~binary_dilation(one, wide) for (*_, valid), one in zip(pieces, outlying, strict=True)]
+    return models, [(rows, slow, valid & ~one) for (rows, slow, valid), one in zip(pieces, outlying, strict=True)]
 
 
 def _first_delay(aligned, pieces, observed):
-    """Delay s of the tags of firings at which they explain most of the angular reading: a firing is short beside it.
+    """Delay s of the tags of firings with the largest gain in the angular reading, by grid: start of the linear fit.
 
-    Of the linear one where there is no other.
+    In the linear reading where there is no angular one. A firing is shorter than a delay may be: no linearisation.
     """
-    left = [one[:, slice(3, None) if observed[:, 3:].any() else slice(3)] for one in _left(pieces, observed)]
-    rows, series = np.concatenate([rows for rows, *_ in pieces]), np.nan_to_num(np.concatenate(left))
+    residuals = [one[:, slice(3, None) if observed[:, 3:].any() else slice(3)] for one in _left(pieces, observed)]
+    rows, series = np.concatenate([rows for rows, *_ in pieces]), np.nan_to_num(np.concatenate(residuals))
     series = series / np.maximum(series.std(axis=0), 1e-300)
     # whole steps by which firings are late, where a lag beyond LATEST_S stands out of readings by shares of pairs
     step, share = float(aligned["step"]), duty(aligned, 0.0)
     read = np.zeros((len(share), series.shape[1]))
     read[rows] = series
-    moved, reading = (np.fft.rfft(one, 2 * len(share), axis=0) for one in (share, read))
-    moved, reading = np.repeat(moved, reading.shape[1], axis=1), np.tile(reading, len(PAIRS))
-    most, near = min(int(APART_S / step), len(share) // 2), max(int(LATEST_S / step), 1)
-    late = -timing.lag(reading, moved, most, near, either=True)
+    duty_fft, read_fft = (np.fft.rfft(one, 2 * len(share), axis=0) for one in (share, read))
+    duty_fft, read_fft = np.repeat(duty_fft, read_fft.shape[1], axis=1), np.tile(read_fft, len(PAIRS))
+    longest, near = min(int(APART_S / step), len(share) // 2), max(int(LATEST_S / step), 1)
+    late = -timing.lag(read_fft, duty_fft, longest, near, either=True)
     fine = step / 20
-    tried = fine * np.arange(-int(LATEST_S / fine), int(LATEST_S / fine) + 1) + step * late * (abs(late) > near)
-    share = [duty(aligned, delay)[rows] for delay in tried]
+    delays = fine * np.arange(-int(LATEST_S / fine), int(LATEST_S / fine) + 1) + step * late * (abs(late) > near)
+    share = [duty(aligned, delay)[rows] for delay in delays]
     gains = [np.sum((least_squares.orthonormal(one).T @ series) ** 2) for one in share]
-    return float(tried[int(np.argmax(gains))]) if np.max(gains) > 0 else 0.0
+    return float(delays[int(np.argmax(gains))]) if np.max(gains) > 0 else 0.0
 
 
-def _gains(known, information, value):
-    """Chi-square that each cause takes beside all others, which are free, and the chance of it, corrected."""
-    inverse, gains, freedom, first = least_squares.stable_inverse(information), [], [], 0
-    for one in known:
-        rows = np.arange(first, first + len(one.names))
-        rows, first = rows[np.diag(information)[rows] > 0], first + len(one.names)
+def _gains(candidates, information, value):
+    """Chi-square (c,) that each candidate gains beside all others, and its chance probability, Bonferroni-corrected."""
+    inverse, gains, dof, first = least_squares.stable_inverse(information), [], [], 0
+    for candidate in candidates:
+        rows = np.arange(first, first + len(candidate.names))
+        rows, first = rows[np.diag(information)[rows] > 0], first + len(candidate.names)
         gains.append(value[rows] @ least_squares.stable_inverse(inverse[np.ix_(rows, rows)]) @ value[rows])
-        freedom.append(rows.size)
-    return gains, np.minimum(len(known) * np.exp(chi2_tail.log_tail(gains, np.maximum(freedom, 1))), 1.0)
+        dof.append(rows.size)
+    return gains, np.minimum(len(candidates) * np.exp(chi2_tail.log_tail(gains, np.maximum(dof, 1))), 1.0)
 
 
-def _normal(pieces, observed, design, noises):
-    """Information (b, p, p) and right side (b, p) of every block, its slow part projected out."""
+def _normal(pieces, observed, design, models):
+    """Information (b, p, p) and right side (b, p) of whitened rows of every block, its slow part projected out."""
     information, right = [], []
-    for rows, slow, there in pieces:
+    for rows, slow, valid in pieces:
         normal, side = 0.0, 0.0
         for c in np.flatnonzero(observed.any(axis=0)):
-            whole = np.column_stack([observed[rows, c], design[rows, c], slow]) * there[:, None]
-            if noises[c] is None:
-                spread = least_squares.project_out(whole[there, design.shape[2] + 1 :], whole[there, 0]).std()
-                white = whole / max(spread, 1e-300)
+            columns = np.column_stack([observed[rows, c], design[rows, c], slow]) * valid[:, None]
+            if models[c] is None:
+                sigma = least_squares.project_out(columns[valid, design.shape[2] + 1 :], columns[valid, 0]).std()
+                white = columns / max(sigma, 1e-300)
             else:
-                white = whiten(noises[c], whole, there)
-            clean = least_squares.project_out(white[:, design.shape[2] + 1 :], white[:, : design.shape[2] + 1])
-            normal, side = normal + clean[:, 1:].T @ clean[:, 1:], side + clean[:, 1:].T @ clean[:, 0]
+                white = whiten(models[c], columns, valid)
+            reduced = least_squares.project_out(white[:, design.shape[2] + 1 :], white[:, : design.shape[2] + 1])
+            normal, side = normal + reduced[:, 1:].T @ reduced[:, 1:], side + reduced[:, 1:].T @ reduced[:, 0]
         information.append(normal)
         right.append(side)
     return np.stack(information), np.stack(right)
 
 
 def _left(pieces, series):
-    """Series (m, 6) of every block less its slow part, NaN where there is no reading."""
-    made = []
-    for rows, slow, there in pieces:
-        rest = np.full((rows.size, 6), np.nan)
-        rest[there] = least_squares.project_out(least_squares.orthonormal(slow[there]), series[rows][there])
-        made.append(rest)
-    return made
+    """Residual (m, 6) of a series (n, 6) less its slow part in every block, NaN where there is no reading."""
+    residuals = []
+    for rows, slow, valid in pieces:
+        residual = np.full((rows.size, 6), np.nan)
+        residual[valid] = least_squares.project_out(least_squares.orthonormal(slow[valid]), series[rows][valid])
+        residuals.append(residual)
+    return residuals
 
 
-def _white(pieces, left, noises):
-    """Whitened residual (m, 6) of every block."""
+def _white(pieces, residuals, models):
+    """Whitened residual (m, 6) of every block, zero for a component without a noise model."""
 
-    def white(noise, series, there):
-        return np.zeros(series.size) if noise is None else whiten(noise, np.nan_to_num(series), there)
+    def white(model, series, there):
+        return np.zeros(series.size) if model is None else whiten(model, np.nan_to_num(series), there)
 
-    each = zip(pieces, left, strict=True)
-    return [np.stack([white(n, one[:, c], there) for c, n in enumerate(noises)], axis=1) for (*_, there), one in each]
+    each = zip(pieces, residuals, strict=True)
+    return [np.stack([white(n, one[:, c], there) for c, n in enumerate(models)], axis=1) for (*_, there), one in each]
 
 
-def _transients(aligned, pieces, left, noises, limit):
-    """Samples beyond noise, those within seconds of each other together."""
+def _transients(aligned, pieces, residuals, models, limit):
+    """Variables of the product: peak epoch s of each group of samples beyond `limit` sigma, and its sign changes."""
     time = np.concatenate([aligned["time"].values[rows] for rows, *_ in pieces])
-    white = np.concatenate(_white(pieces, left, noises))
-    far = np.flatnonzero(np.abs(white).max(axis=1) > limit)
+    white = np.concatenate(_white(pieces, residuals, models))
+    outlying = np.flatnonzero(np.abs(white).max(axis=1) > limit)
     transients = []
-    for group in np.split(far, np.flatnonzero(np.diff(time[far]) > TOGETHER_S) + 1) if far.size else ():
+    for group in np.split(outlying, np.flatnonzero(np.diff(time[outlying]) > TOGETHER_S) + 1) if outlying.size else ():
         component = int(np.abs(white[group]).max(axis=0).argmax())
         peak = group[np.abs(white[group, component]).argmax()]
         near = white[np.abs(time - time[peak]) < TOGETHER_S, component]
@@ -347,7 +347,7 @@ def _transients(aligned, pieces, left, noises, limit):
 
 
 def check(solution: xr.Dataset, *, agreement_limit: float, delay_limit_s: float) -> xr.Dataset:
-    """Checks of the result: its parts by the probability that they disagree so much, tags of firings by their delay."""
+    """Checks of the result: probability that its parts disagree so much, delay of the tags of firings."""
     delay = solution["value"].values[list(map(str, solution["parameter"].values)).index("delay")]
     made = [checks.at_most("tags of firings against readings", abs(float(delay)), delay_limit_s, "s")]
     return checks.product([*made[: int(np.isfinite(delay))], *named_parameters.checks(solution, agreement_limit)])

@@ -1,4 +1,4 @@
-"""Readings of an accelerometer as discovery sees them: only their slow part is free, firings are among the causes."""
+"""Observations of an accelerometer for discovery: only their slow part is free, firings are among the causes."""
 
 import functools
 from collections.abc import Mapping, Sequence
@@ -27,48 +27,48 @@ def observe(
     """
     aligned, estimate = products["align"], products["estimate"]
     pieces = list(accelerometer.blocks(aligned, block_s, knot_s))
-    rest = (estimate["measured"] - estimate["fitted"]).values
-    left = np.split(rest, np.cumsum([rows.size for rows, *_ in pieces])[:-1])
-    count = estimate.sizes["parameter"] // 6
-    noises, kept = accelerometer.noises(aligned, pieces, left, noise_order, count, transient_sigma)
-    parts = [(*one, c) for one in kept for c in range(6) if noises[c] is not None]
+    residual = (estimate["measured"] - estimate["fitted"]).values
+    residuals = np.split(residual, np.cumsum([rows.size for rows, *_ in pieces])[:-1])
+    per_component = estimate.sizes["parameter"] // 6
+    noises, cleaned = accelerometer.noises(aligned, pieces, residuals, noise_order, per_component, transient_sigma)
+    parts = [(*one, c) for one in cleaned for c in range(6) if noises[c] is not None]
     order = dict.fromkeys(Readings.channels, noises[parts[0][3]].coefficients[-1].size)
     return Readings(aligned, parts, noises, _causes(aligned, estimate), order)
 
 
 def _causes(aligned, estimate):
-    """Columns beside what the model foretells, firings where they were; a late tag has the column of its whole size.
+    """Candidates with columns (n, 6, q), firings at their estimated times; a delay has the secant over its whole size.
 
-    What firings do to a satellite whose offset is not zero is in their own force: by torquers alone is it told apart.
+    The acceleration by firings on a CoM offset is part of their force: only torquers separate the two.
     """
-    value = dict(zip(map(str, estimate["parameter"].values), estimate["value"].values, strict=True))
-    delay = float(np.nan_to_num(value["delay"]))
-    made = {one.cause: one for one in accelerometer.causes(aligned, delay, np.zeros((6, 6)))}
+    values = dict(zip(map(str, estimate["parameter"].values), estimate["value"].values, strict=True))
+    delay = float(np.nan_to_num(values["delay"]))
+    candidates = {one.cause: one for one in accelerometer.causes(aligned, delay, np.zeros((6, 6)))}
     near = max(abs(delay), NEAR_S)  # within which a delay is linear
     ends = (delay, 0.0) if abs(delay) == near else (near, -near)
-    moved = (_foretold(aligned, ends[0]) - _foretold(aligned, ends[1])) / (ends[0] - ends[1])
+    by_delay = (_foretold(aligned, ends[0]) - _foretold(aligned, ends[1])) / (ends[0] - ends[1])
     share, impulse = accelerometer.duty(aligned, delay), effect(FIRINGS)
     by_axis = np.zeros((share.shape[0], 6, 3))
     by_axis[:, 3:] = (share @ aligned["nominal_b"].values)[:, :, None] * np.eye(3)
-    made[DELAY] = replace(made[DELAY], columns=[moved[:, :, None]])
-    return [one for one in (listed(impulse, [by_axis]), *made.values()) if one.columns[0].any()]
+    candidates[DELAY] = replace(candidates[DELAY], columns=[by_delay[:, :, None]])
+    return [one for one in (listed(impulse, [by_axis]), *candidates.values()) if one.columns[0].any()]
 
 
 def _foretold(aligned, delay_s):
-    """Reading (n, 6) by the thruster table, tags of firings late by so many seconds."""
+    """Reading (n, 6) m s-2, rad s-2 that the thruster table predicts, tags of firings late by delay_s."""
     angular = accelerometer.duty(aligned, delay_s) @ aligned["nominal_b"].values
     return np.concatenate([np.zeros_like(angular), angular], axis=1)
 
 
 @dataclass(frozen=True)
 class Readings(Observations):
-    """Observations of a record."""
+    """Observations of a record, whitened, less the prediction of thruster table and torquers."""
 
     aligned: xr.Dataset  #: "routine.align"
-    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, int]]  #: rows, slow part, where a reading is, component
+    parts: list[tuple[np.ndarray, np.ndarray, np.ndarray, int]]  #: steps, slow part, which have a reading, component
     noises: list[NoiseModel | None]  #: of each component, None where it has no reading
     causes: list[Candidate]  #: with their columns (n, 6, q) of the whole record
-    noise_order: Mapping[str, int] = field()  #: of the noise, which is that of these very rows
+    noise_order: Mapping[str, int] = field()  #: {channel: coefficients of its noise}, fitted in these rows
 
     name = "routine"
     channels = ("linear", "angular")
@@ -77,35 +77,35 @@ class Readings(Observations):
 
     @functools.cached_property
     def blocks(self) -> list[Block]:
-        """One block a stretch and component: components share causes and nothing else."""
+        """One block a stretch and component, whitened, slow part local: components share causes and nothing else."""
         observed, time, made = accelerometer.readings(self.aligned), self.aligned["time"].values, []
         observed = observed - _foretold(self.aligned, 0.0)
         observed[:, 3:] -= self.aligned["magnetic_b"].values
-        for rows, slow, there, c in self.parts:
-            white = whiten(self.noises[c], np.column_stack([observed[rows, c], slow]), there)
+        for rows, slow, valid, c in self.parts:
+            white = whiten(self.noises[c], np.column_stack([observed[rows, c], slow]), valid)
             label, about = f"{COMPONENTS[c]} from {time[rows[0]]:.0f} s", (self.channels[c // 3], c % 3, time[rows])
             made.append(Block.of(label, white[:, 0], *about, local=white[:, 1:]))
         return made
 
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
-        """Causes that the record can show."""
+        """Candidates with whitened columns (m, q) in every block, None where a cause does not act."""
         made = []
         for one in self.causes:
-            rows = [(c, one.columns[0][rows, c], there) for rows, _, there, c in self.parts]
-            white = [whiten(self.noises[c], own, there) if own.any() else None for c, own, there in rows]
+            rows = [(c, one.columns[0][rows, c], valid) for rows, _, valid, c in self.parts]
+            white = [whiten(self.noises[c], values, valid) if values.any() else None for c, values, valid in rows]
             made.append(replace(one, form="", columns=white))
         return made
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
-        """Time, nothing foretold beside the slow part, and rows in the unit of the component."""
-        at, _, there, c = self.parts[number]
-        columns = np.zeros((rows.shape[1], at.size, 3))
-        columns[:, :, c % 3] = unwhiten(self.noises[c], rows, there).T
-        return self.aligned["time"].values[at], np.zeros((at.size, 3)), columns
+        """Time (m,) s, prediction (m, 3), zero beside the slow part, rows (q, m, 3) in the unit of the component."""
+        steps, _, valid, c = self.parts[number]
+        columns = np.zeros((rows.shape[1], steps.size, 3))
+        columns[:, :, c % 3] = unwhiten(self.noises[c], rows, valid).T
+        return self.aligned["time"].values[steps], np.zeros((steps.size, 3)), columns
 
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:  # noqa: ARG002
-        """Impulses in units of the nominal ones, which the model holds once."""
+        """Entry with shares of the nominal impulses in full: the baseline has taken one off."""
         return _firings_moved(entry, 1.0)
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
@@ -113,14 +113,14 @@ class Readings(Observations):
         added, known = np.zeros((self.aligned.sizes["time"], 6)), {one.cause: one for one in self.causes}
         for entry in (_firings_moved(one, -1.0) for one in model if one.cause in known):
             added += known[entry.cause].added(entry)[0]
-        less = {"linear_b": added[:, :3], "angular_b": added[:, 3:]}
-        return self.aligned.assign({name: self.aligned[name] - one for name, one in less.items()})
+        change = {"linear_b": added[:, :3], "angular_b": added[:, 3:]}
+        return self.aligned.assign({name: self.aligned[name] - one for name, one in change.items()})
 
 
 def _firings_moved(entry, step):
-    """Entry with the share of nominal impulses moved, if it is of these."""
-    rows = entry.parameters.items() if entry.cause == FIRINGS else ()
-    moved = {name: replace(one, value=one.value and one.value + step) for name, one in rows}
+    """Entry with a step added to its shares of the nominal impulses, if its cause is the firings."""
+    items = entry.parameters.items() if entry.cause == FIRINGS else ()
+    moved = {name: replace(parameter, value=parameter.value and parameter.value + step) for name, parameter in items}
     return replace(entry, parameters=moved) if moved else entry
 
 

@@ -1,4 +1,4 @@
-"""Report of a routine day: one section an instrument, measured beside simulated, causes, and what is missing."""
+"""Report of a routine day: a section for each instrument with measured and simulated readings, causes, gaps."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -21,7 +21,7 @@ from gravcal.report.plain import number
 WORDS = words(__file__, "page.toml")
 TITLES = {"thrusters": "Star cameras and thrusters"}
 PROVEN = WORDS.notes["proven"]
-#: Parts that say when records are of which the accelerometer is held against, their causes, and what is no lag, s.
+#: Parts whose searches date the records that the accelerometer needs, their delays as causes, largest usual lag s.
 HOLDERS, LATE_S = ("magnetometer", "thrusters"), 10.0
 HELD = ("timing.star_camera_delay", "timing.magnetometer_delay", "timing.orbit_delay")
 #: Variables of the estimate of a part with what was measured and the same as simulated, and their unit.
@@ -33,7 +33,7 @@ SERIES = {
 
 
 def content(products):
-    """Facts and sections of the accelerometer."""
+    """Facts {name: number} and sections of the accelerometer, from products {stage: Dataset}."""
     estimate, aligned = products["estimate"], products["align"]
     swings, epoch = estimate["transient_swings"].values, estimate["transient"].values
     step, rate = float(aligned["step"]), np.abs(aligned["dipole_rate_b"].values).max(axis=1)
@@ -53,31 +53,31 @@ def content(products):
 
 
 def thrust_and_inertia(estimate, aligned) -> dict:
-    """Thrust and torquers about each axis over nominal, and which of thrust and inertia is wrong.
+    """Facts by axis: thrust and torquers over nominal, [ratio, sigma] or None, and what is wrong of thrust and inertia.
 
     A moment of inertia that is too large by a share makes both larger by it, a thrust the firings alone.
     """
     names = [str(name) for name in estimate["parameter"].values]
     value, sigma = (dict(zip(names, estimate[one].values, strict=True)) for one in ("value", "sigma"))
     facts = {}
-    for axis, word in enumerate("xyz"):
-        rows = []
+    for axis, letter in enumerate("xyz"):
+        ratios = []
         for pair, nominal in zip(PAIRS, aligned["nominal_b"].values[:, axis], strict=True):
-            name = f"torque_{pair}_{word}"
+            name = f"torque_{pair}_{letter}"
             if abs(nominal) > 1e-6 and np.isfinite(value[name]):
-                rows.append((value[name] / nominal, sigma[name] / abs(nominal)))
-        thrust = rows and np.average([r[0] for r in rows], weights=[r[1] ** -2 for r in rows])
-        error = sum(r[1] ** -2 for r in rows) ** -0.5 if rows else None
-        torquer = value[f"torquer_{word}"], sigma[f"torquer_{word}"]
-        facts[f"thrust_over_nominal_{word}"] = [thrust, error] if rows else None
-        facts[f"torquers_over_nominal_{word}"] = list(torquer) if np.isfinite(torquer[0]) else None
-        if rows and np.isfinite(torquer[0]):
-            apart = (thrust - torquer[0]) / np.hypot(error, torquer[1])
+                ratios.append((value[name] / nominal, sigma[name] / abs(nominal)))
+        thrust = ratios and np.average([r[0] for r in ratios], weights=[r[1] ** -2 for r in ratios])
+        error = sum(r[1] ** -2 for r in ratios) ** -0.5 if ratios else None
+        torquer = value[f"torquer_{letter}"], sigma[f"torquer_{letter}"]
+        facts[f"thrust_over_nominal_{letter}"] = [thrust, error] if ratios else None
+        facts[f"torquers_over_nominal_{letter}"] = list(torquer) if np.isfinite(torquer[0]) else None
+        if ratios and np.isfinite(torquer[0]):
+            score = (thrust - torquer[0]) / np.hypot(error, torquer[1])  # in sigma
             off = abs(torquer[0] - 1) > 3 * torquer[1]
-            said = "thrust" if abs(apart) > 3 and not off else "thrust and inertia or dipole" if abs(apart) > 3 else ""
-            said = said or ("inertia (or angular scale): both are off alike" if off else "")
-            said = said or ("thrust or inertia" if abs(thrust - 1) > 3 * error else "none is seen to be wrong")
-            facts[f"wrong_about_{word}"] = said
+            text = "thrust" if abs(score) > 3 and not off else "thrust and inertia or dipole" if abs(score) > 3 else ""
+            text = text or ("inertia (or angular scale): both are off alike" if off else "")
+            text = text or ("thrust or inertia" if abs(thrust - 1) > 3 * error else "none is seen to be wrong")
+            facts[f"wrong_about_{letter}"] = text
     return facts
 
 
@@ -89,78 +89,78 @@ def report(
     event: str,
     settings: Mapping,
 ):
-    """Report product of a day and its files, from products named "part.stage" and why parts did not run."""
+    """Report product of a day and its files {name: text}; names "part.stage" of datasets, missing {part: reason}."""
     products = dict(zip(names, datasets, strict=True))
     searches = {part: products[f"{part}.discovery"] for part in pages if f"{part}.discovery" in products}
     if _of_other_times({part: outcome_of(one) for part, one in searches.items()}):
         products.pop("accelerometer.discovery", None)  # void: it is held against records of other times
     instruments, sections, parameters, checked = {}, [], {}, []
-    for part, own in pages.items():
+    for part, layout in pages.items():
         if f"{part}.estimate" not in products:
             why = missing.get(part, "not asked for")
             instruments[part] = {"status": "missing", "said": why, "proven_on": PROVEN[part]}
             sections.append(Section(title(part), notes=(f"Not simulated: {why}. Proven on {PROVEN[part]}.",)))
             continue
         mine = {name.partition(".")[2]: one for name, one in products.items() if name.startswith(f"{part}.")}
-        instruments[part], shown = _instrument(part, own, mine)
+        instruments[part], shown = _instrument(part, layout, mine)
         sections.append(shown)
         parameters |= {f"{part}_{name}": one for name, one in instruments[part]["parameters"].items()}
         checked += [replace(one, name=f"{part}: {one.name}") for one in of_product(mine["checks"])]
-    there = [one["said"] for one in instruments.values() if one["status"] == "fitted"]
+    fitted = [one["said"] for one in instruments.values() if one["status"] == "fitted"]
     absent = [f"{part}: {one['said']}" for part, one in instruments.items() if one["status"] == "missing"]
-    text = f"{'; '.join(there) or 'no instrument has its records'}."
+    text = f"{'; '.join(fitted) or 'no instrument has its records'}."
     text += f" Missing: {'; '.join(absent)}." if absent else ""
-    body = {"status": "delivered" if there else "no_data", "verdict": {"text": text}}
+    body = {"status": "delivered" if fitted else "no_data", "verdict": {"text": text}}
     body |= {"instruments": instruments, "parameters": parameters}
     made = documents.delivered("routine", body, products, checked, event=event, settings=settings)
     files = {"result.json": documents.text(made)}
     files["report.html"] = page(made, sections, products, heading="Routine day", subtitle=event)
-    return build(schemas.of("shared.toml")["report"], {"delivered": int(bool(there))}, event=event), files
+    return build(schemas.of("shared.toml")["report"], {"delivered": int(bool(fitted))}, event=event), files
 
 
-def _instrument(part, own, mine):
-    """Part of the document, and section, of one instrument, from its page and its products by stage."""
-    facts, shown = own.content(mine)
-    more, _ = own.more(mine)
-    known = document(mine["estimate"])
-    outcome = outcome_of(mine["discovery"]) if "discovery" in mine else None
-    findings, statistics = outcome.findings if outcome else (), _statistics(part, mine)
+def _instrument(part, layout, products):
+    """Entry of the document, and section, of one instrument, from its Page and its products {stage: Dataset}."""
+    facts, sections = layout.content(products)
+    extra, _ = layout.more(products)
+    known = document(products["estimate"])
+    outcome = outcome_of(products["discovery"]) if "discovery" in products else None
+    findings, statistics = outcome.findings if outcome else (), _statistics(part, products)
     named = [
         {n: plain(one)[n] for n in ("cause", "form", "parameters", "tied_with", "significance")} for one in findings
     ]
     verdict = ", ".join(discovery_words.title(one.cause) for one in findings) or "nothing is named"
     verdict = verdict if outcome else "not searched"
-    said = f"{part}: {verdict}" + (", and more is left than noise" if outcome and not outcome.adequate_after else "")
-    made = {"status": "fitted", "said": said, "proven_on": PROVEN[part], "statistics": statistics, "causes": named}
+    summary = f"{part}: {verdict}" + (", and more is left than noise" if outcome and not outcome.adequate_after else "")
+    result = {"status": "fitted", "said": summary, "proven_on": PROVEN[part], "statistics": statistics, "causes": named}
     numbers = {"adequate": "adequate_after", "p_before": "p_before", "p_after": "p_after"}
-    made |= {name: getattr(outcome, field, None) for name, field in numbers.items()}
+    result |= {name: getattr(outcome, field, None) for name, field in numbers.items()}
     tables = [WORDS.table("statistics", statistics)]
     tables += [findings_table(findings), tied_table(findings)] if findings else []
-    tables += [parameter_table(known["parameters"], f"{part}.estimate"), *_placed(part, shown, "tables")]
-    notes = [*(note for one in shown for note in one.notes), f"Proven on {PROVEN[part]}."]
-    section = Section(title(part), tables, _placed(part, shown, "figures"), notes)
-    return made | known | more | {"facts": facts}, section
+    tables += [parameter_table(known["parameters"], f"{part}.estimate"), *_placed(part, sections, "tables")]
+    notes = [*(note for one in sections for note in one.notes), f"Proven on {PROVEN[part]}."]
+    section = Section(title(part), tables, _placed(part, sections, "figures"), notes)
+    return result | known | extra | {"facts": facts}, section
 
 
 def _placed(part, sections, kind):
-    """Tables or figures of sections, read from the products of a part."""
+    """Tables or figures (`kind`) of sections, their `reads` prefixed by the part so that they find its products."""
     every = [one for section in sections for one in getattr(section, kind)]
     return [replace(one, reads=[f"{part}.{name}" for name in one.reads]) for one in every]
 
 
 def _of_other_times(searches: Mapping[str, Outcome | None]) -> str:
-    """What searches of other parts say of records that the accelerometer is held against, if tags are minutes off."""
-    said = []
+    """Why the search of the accelerometer is void, "" if not: HOLDERS have tags more than LATE_S off."""
+    lags = []
     for outcome in filter(None, map(searches.get, HOLDERS)):
         for one in outcome.findings:
             delay = one.parameters["delay"].value if one.cause in HELD and "delay" in one.parameters else None
             if delay is not None and abs(delay) > LATE_S:
-                said.append(f"{discovery_words.title(one.cause)} {delay:.0f} s")
-    return f"its records are of different times ({', '.join(said)})" if said else ""
+                lags.append(f"{discovery_words.title(one.cause)} {delay:.0f} s")
+    return f"its records are of different times ({', '.join(lags)})" if lags else ""
 
 
 def title(part: str) -> str:
-    """Heading of a part."""
+    """Heading of a part, by its name."""
     return TITLES.get(part, part.capitalize())
 
 
@@ -176,11 +176,11 @@ def discovered(*searches, parts: Mapping, missing: Mapping[str, str], reported: 
     state = {part: {"status": "no_data", "said": why} for part, why in missing.items()}
     sections, files, findings, products = [], {}, [], {}
     for part, (known, one) in searched.items():
-        made, outcome = discovery.judged(one, **known, reported=reported[part])
-        state[part] = made | {"proven_on": PROVEN[part]}
-        findings += [finding | {"part": part} for finding in made["findings"]]
+        judged, outcome = discovery.judged(one, **known, reported=reported[part])
+        state[part] = judged | {"proven_on": PROVEN[part]}
+        findings += [finding | {"part": part} for finding in judged["findings"]]
         shown = discovery.sections(one, outcome, reported[part])
-        notes = [made["verdict"]["text"], reported[part].note, f"Proven on {PROVEN[part]}."]
+        notes = [judged["verdict"]["text"], reported[part].note, f"Proven on {PROVEN[part]}."]
         sections.append(Section(title(part), _placed(part, shown, "tables"), _placed(part, shown, "figures"), notes))
         products[f"{part}.discovery"] = one
         if outcome.findings and "model" in known["settings"]:
@@ -188,12 +188,12 @@ def discovered(*searches, parts: Mapping, missing: Mapping[str, str], reported: 
             files |= {f"{part}.toml": text} if text else {}
     sections += [Section(title(part), notes=[f"Not searched: {why}."]) for part, why in missing.items()]
     results = {part: one for part, one in state.items() if part in searched}
-    said = [f"{title(part)}: {one['verdict']['text']}" for part, one in results.items()]
-    said += [f"{title(part)}: not searched, {why}." for part, why in missing.items()]
+    sentences = [f"{title(part)}: {one['verdict']['text']}" for part, one in results.items()]
+    sentences += [f"{title(part)}: not searched, {why}." for part, why in missing.items()]
     body = {
         "status": max((one["status"] for one in results.values()), default="no_data"),  # questionable if one is
         "kind": "discovery",
-        "verdict": {"text": " ".join(said)},
+        "verdict": {"text": " ".join(sentences)},
         "findings": findings,
         **{w: bool(results) and all(one[w] for one in results.values()) for w in ("adequate_before", "adequate_after")},
         "parts": state,
@@ -202,17 +202,17 @@ def discovered(*searches, parts: Mapping, missing: Mapping[str, str], reported: 
         "indistinguishable_from_calibration": [],
         "calibration_change": {},
     }
-    document = documents.delivered("routine", body, products, [], event=event, settings=settings)
+    result = documents.delivered("routine", body, products, [], event=event, settings=settings)
     heading, subtitle = "What the models of a routine day get wrong", f"{len(parts)} of {len(state)} parts have records"
-    files["discovery.json"] = documents.text(document)
-    files["discovery.html"] = page(document, sections, products, heading=heading, subtitle=subtitle)
+    files["discovery.json"] = documents.text(result)
+    files["discovery.html"] = page(result, sections, products, heading=heading, subtitle=subtitle)
     return build(schemas.of("shared.toml")["report"], {"delivered": int(bool(parts))}, event=event), files
 
 
-def _statistics(part, mine):
-    """Rms of what was measured and of what the simulation leaves, of every component of an instrument."""
+def _statistics(part, products):
+    """Rows {"what", "measured_rms", "residual_rms", "unit"} of each component: rms of readings and residuals."""
     if part == "thrusters":  # noise of each head about each axis, from stretches without firings
-        noise, rows = mine["noise"], []
+        noise, rows = products["noise"], []
         for head, factor in zip(noise["head"].values, noise["factor"].values, strict=True):
             sigma = np.sqrt(np.diag(np.linalg.inv(factor.T @ factor)))
             rows += [
@@ -220,7 +220,7 @@ def _statistics(part, mine):
             ]
     else:
         measured, fitted, unit = SERIES[part]
-        series = [np.atleast_2d(mine["estimate"][name].values.T) for name in (measured, fitted)]
+        series = [np.atleast_2d(products["estimate"][name].values.T) for name in (measured, fitted)]
         labels = COMPONENTS if part == "accelerometer" else "xyz"
         rms = [[number(np.sqrt(np.nanmean(one**2))) for one in both] for both in (series[0], series[0] - series[1])]
         units = [unit if part != "accelerometer" else "m s-2" if c < 3 else "rad s-2" for c in range(len(rms[0]))]
@@ -229,7 +229,7 @@ def _statistics(part, mine):
 
 
 @WORDS.figure("estimate")
-def _readings(panels, estimate):
+def _readings(panels, estimate):  # measured and simulated readings, nm s-2 and urad s-2, of each component
     minutes = (estimate["time"].values - estimate["time"].values[0]) / 60
     black = {"color": COLOURS["black"], "linewidth": 0.5, "label": "simulated"}
     for c, panel in enumerate(panels):

@@ -1,4 +1,4 @@
-"""Gain and delay of the firings, how far their errors are from those of quiet stretches, and checks."""
+"""Gain and delay of the firings by least squares, inflation of their variance by firings at wrong times, and checks."""
 
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -27,8 +27,8 @@ class Rows:
 
     segment: Segment
     noise: Noise
-    observed: np.ndarray  #: (n,) 1
-    smooth: np.ndarray  #: (n, k) 1, the smooth torque about each axis
+    observed: np.ndarray  #: (n,) 1, attitude
+    smooth: np.ndarray  #: (n, k) 1, columns of the smooth torque about each axis
     basis: np.ndarray  #: (n, r) orthonormal basis of the smooth torque
 
     def whiten(self, columns: np.ndarray) -> np.ndarray:
@@ -36,54 +36,53 @@ class Rows:
         return self.noise.rows(self.segment, columns)
 
     def less(self, rows: np.ndarray) -> np.ndarray:
-        """Rows (n, q) without what the smooth torque can do."""
+        """Rows (n,) or (n, q) with the smooth torque projected out."""
         return rows - self.basis @ (self.basis.T @ rows)
 
 
 def rows_of(camera: model.Camera, noise: Noise, inertia_b, *, block_s: float, knot_s: float) -> list[Rows]:
     """Whitened rows of every block of block_s; epochs of a camera whose noise is not known are left out."""
-    usable, made = camera.part(np.isin(camera.head, list(noise.factor))), []
+    usable, blocks = camera.part(np.isin(camera.head, list(noise.factor))), []
     for segment in model.segments(usable, inertia_b, block_s=block_s, knot_s=knot_s):
         smooth = np.einsum("nk,ac->nakc", segment.smooth, np.eye(3)).reshape(segment.place.size, 3, -1)
         rows = noise.rows(segment, np.concatenate([segment.angle_b[..., None], smooth], axis=2))
-        used = rows[:, 1:][:, np.any(rows[:, 1:] != 0, axis=0)]
-        made.append(Rows(segment, noise, rows[:, 0], rows[:, 1:], np.linalg.qr(used)[0]))
-    return made
+        nonzero = rows[:, 1:][:, np.any(rows[:, 1:] != 0, axis=0)]
+        blocks.append(Rows(segment, noise, rows[:, 0], rows[:, 1:], np.linalg.qr(nonzero)[0]))
+    return blocks
 
 
 def gains_alone(parts: list[Rows], firings: Firings) -> np.ndarray:
-    """Gain of each axis (3,) that fits best without anything else."""
+    """Gain (3,) of the impulses about each axis by least squares, beside the smooth torque alone."""
     columns = [part.less(part.whiten(part.segment.gains(firings))) for part in parts]
     normal = sum(c.T @ c for c in columns)
     return least_squares.stable_inverse(normal) @ sum(c.T @ p.observed for c, p in zip(columns, parts, strict=True))
 
 
 def inflation(parts: list[Rows], present: list[np.ndarray], wrong: Iterable[list[np.ndarray]]):
-    """Factor by which gains in chi-square exceed those of the measured noise, at least one.
+    """Variance inflation factor, at least one, and gains in chi-square (k,) of the firings at each wrong time.
 
     Quiet stretches are quieter than the rest of the day, so that the noise measured in them makes every gain look
-    larger than it is. What firings at wrong times gain, with the causes that are there in the model, shows by how much.
-    Whitened columns of each block are (n, q) of all causes in the model and, of every wrong time, (n, 3); with the
-    factor come the gains (k,) of each wrong time.
+    larger than it is: the factor is the mean gain per degree of freedom of firings at times when there were none.
+    Whitened columns of each block: `present` (n, q) of all causes in the model, `wrong` (n, 3) of every wrong time.
     """
     columns = [part.less(one) for part, one in zip(parts, present, strict=True)]
-    rest = [part.less(part.observed) for part in parts]
+    residual = [part.less(part.observed) for part in parts]
     inverse = least_squares.stable_inverse(sum(c.T @ c for c in columns))
-    value = inverse @ sum(c.T @ y for c, y in zip(columns, rest, strict=True))
-    rest = [y - c @ value for c, y in zip(columns, rest, strict=True)]
-    gains, freedom = [], 0
+    value = inverse @ sum(c.T @ y for c, y in zip(columns, residual, strict=True))
+    residual = [y - c @ value for c, y in zip(columns, residual, strict=True)]
+    gains, dof = [], 0
     for one in wrong:
-        tried = [part.less(c) for part, c in zip(parts, one, strict=True)]
-        cross = sum(t.T @ c for t, c in zip(tried, columns, strict=True))
-        normal = sum(t.T @ t for t in tried) - cross @ inverse @ cross.T
-        right = sum(t.T @ y for t, y in zip(tried, rest, strict=True))
+        shifted = [part.less(c) for part, c in zip(parts, one, strict=True)]
+        cross = sum(t.T @ c for t, c in zip(shifted, columns, strict=True))
+        normal = sum(t.T @ t for t in shifted) - cross @ inverse @ cross.T
+        right = sum(t.T @ y for t, y in zip(shifted, residual, strict=True))
         gains.append(float(right @ least_squares.stable_inverse(normal) @ right))
-        freedom += right.size
-    return max(sum(gains) / freedom, 1.0), np.array(gains)
+        dof += right.size
+    return max(sum(gains) / dof, 1.0), np.array(gains)
 
 
 def wrong_times(parts: list[Rows], firings: Firings) -> Iterable[list[np.ndarray]]:
-    """Whitened columns (n, 3) of the firings at every wrong time, a block each."""
+    """Columns of the gains of the firings moved by each of SHIFTS_S: a list of whitened (n, 3), one a block."""
     for shift in SHIFTS_S:
         yield [part.whiten(part.segment.gains(firings.late_by(-shift))) for part in parts]
 
@@ -98,9 +97,10 @@ def estimate(
     parts: int,
     determined_ratio: float,
 ) -> xr.Dataset:
-    """Gain of the impulses about each axis and delay of the tags, steps of the cameras and a smooth torque free.
+    """Product "thrusters.estimate": gain of the impulses about each axis and delay of their tags.
 
-    Products are "thrusters.align" and "thrusters.noise".
+    Camera steps and a smooth torque are free. Products are "thrusters.align" and "thrusters.noise"; inertia kg m2.
+    A parameter is determined if its sigma is at most determined_ratio times its plausible size.
 
     Notes
     -----
@@ -116,28 +116,28 @@ def estimate(
     steps = [row.whiten(row.segment.heads(heads)) for row in rows]
     gain, delay = gains_alone(rows, firings), 0.0
     for _ in range(ITERATIONS):
-        moved = firings.late_by(delay)
-        own = [row.whiten(row.segment.gains(moved)) for row in rows]
-        late = [row.whiten(row.segment.delay(Firings(moved.time, moved.impulse_b * gain))) for row in rows]
-        columns = [np.concatenate(one, axis=1) for one in zip(own, late, steps, strict=True)]
-        clean = [row.less(c) for row, c in zip(rows, columns, strict=True)]
-        for left, whole in zip(clean, columns, strict=True):  # nothing but rounding, as of a camera used all the time
+        corrected = firings.late_by(delay)
+        by_gain = [row.whiten(row.segment.gains(corrected)) for row in rows]
+        by_delay = [row.whiten(row.segment.delay(Firings(corrected.time, corrected.impulse_b * gain))) for row in rows]
+        columns = [np.concatenate(one, axis=1) for one in zip(by_gain, by_delay, steps, strict=True)]
+        reduced = [row.less(c) for row, c in zip(rows, columns, strict=True)]
+        for left, whole in zip(reduced, columns, strict=True):  # nothing but rounding, as of a camera used all the time
             left[:, np.linalg.norm(left, axis=0) < 1e-7 * np.linalg.norm(whole, axis=0)] = 0.0
-        right = np.stack([c.T @ row.observed for row, c in zip(rows, clean, strict=True)])
-        information = np.stack([c.T @ c for c in clean])
+        right = np.stack([c.T @ row.observed for row, c in zip(rows, reduced, strict=True)])
+        information = np.stack([c.T @ c for c in reduced])
         value = least_squares.stable_inverse(information.sum(axis=0)) @ right.sum(axis=0)
         gain, delay = value[:3], delay + value[3]
-    factor, shifted = inflation(rows, columns, wrong_times(rows, moved))
+    factor, shifted = inflation(rows, columns, wrong_times(rows, corrected))
     group = np.arange(len(rows)) * parts // len(rows)
     groups = [group == number for number in np.unique(group)]
     information, right = (np.stack([each[g].sum(axis=0) for g in groups]) / factor for each in (information, right))
     normal, side, rest = information.sum(axis=0), right.sum(axis=0), slice(len(NAMES), None)  # steps of the cameras
-    chi2 = factor * side @ least_squares.stable_inverse(normal) @ side
+    chi2 = factor * side @ least_squares.stable_inverse(normal) @ side  # gain of all, less that of the camera steps
     chi2 -= factor * side[rest] @ least_squares.stable_inverse(normal[rest, rest]) @ side[rest]
     right += information[:, :, 3] * (delay - value[3])  # the last step of the delay was about this one
-    size = [effect("torque.thruster_firings").parameters[0].prior_sigma] * 3
-    size += [effect("timing.thruster_delay").parameters[0].prior_sigma]
-    limit = np.concatenate([determined_ratio * np.array(size), np.full(3 * len(heads), np.inf)])
+    prior_sigma = [effect("torque.thruster_firings").parameters[0].prior_sigma] * 3
+    prior_sigma += [effect("timing.thruster_delay").parameters[0].prior_sigma]
+    limit = np.concatenate([determined_ratio * np.array(prior_sigma), np.full(3 * len(heads), np.inf)])
     names = [*NAMES, *(f"camera_{head}_{axis}" for head in heads for axis in "xyz")]
     starts = [rows[np.flatnonzero(g)[0]].segment.camera.time[0] for g in groups]
     units = [*UNITS, *["rad"] * (3 * len(heads))]
@@ -151,9 +151,9 @@ def check(aligned: xr.Dataset, solution: xr.Dataset, **limits: float) -> xr.Data
     jump = checks.attitude_jump(aligned["time"].values, aligned["quaternion"].values)
     ratio, inflated = solution["gain"] / max(float(solution["shifted_gain"].max()), 1.0), solution["inflation"]
     _, angle, rate = model.off_the_orbit(aligned)
-    apart, error = abs(np.median(angle / rate)), aligned["velocity_error"]
-    made = [
-        at_most("tags of the attitude against the orbit", apart, limits["camera_limit_s"], "s"),
+    lag, error = abs(np.median(angle / rate)), aligned["velocity_error"]
+    rows = [
+        at_most("tags of the attitude against the orbit", lag, limits["camera_limit_s"], "s"),
         at_most("jump of the attitude", jump, limits["jump_limit_rad"], "rad"),
         at_most("velocity against change of position", error, limits["velocity_limit_m_s"], "m s-1"),
         at_least("firings in the record", int(solution["firings"]), 1, "1"),
@@ -162,5 +162,5 @@ def check(aligned: xr.Dataset, solution: xr.Dataset, **limits: float) -> xr.Data
     ]
     value, sigma = solution["value"].values[:3], solution["sigma"].values[:3]
     if np.isfinite(value).any():
-        made.append(at_least("smallest gain and three sigma", np.nanmin(value + 3 * sigma), 0.0, "1"))
-    return checks.product([*made, *named_parameters.checks(solution, limits["agreement_limit"])])
+        rows.append(at_least("smallest gain and three sigma", np.nanmin(value + 3 * sigma), 0.0, "1"))
+    return checks.product([*rows, *named_parameters.checks(solution, limits["agreement_limit"])])

@@ -1,4 +1,4 @@
-"""Records of a day, and the attitude that firings, a smooth torque and the cameras make."""
+"""Records of a day of thrusters, linear model of the attitude by firings, smooth torque and cameras, and its noise."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -25,11 +25,11 @@ ORBIT_STEP_S = 60.0  # s, of positions and field
 DEGREE = 5  # of the attitude: two integrations of a torque that is a cubic spline
 DELAY_STEP_S = 0.5  # s, half the step of the derivative by the delay of the firings
 MARGIN_S = 1.0  # s, of a quiet stretch to the firings at its ends
-QUIET_LEAST = 500  # epochs that measure the noise
-LONGEST_S = 600  # by which tags are looked for
+QUIET_LEAST = 500  # least number of epochs that measure the noise
+LONGEST_S = 600  # s, largest lag of tags that is searched
 SLOWEST_HZ = 1 / 90  # of rates in which firings are looked for; below it control answers them
-ALIKE = 2001  # frequencies over which the power of a rate is the same
-NEAR_S = 10  # of lags that are not independent
+ALIKE = 2001  # frequencies of the running mean that smooths the power spectrum of a rate
+NEAR_S = 10  # s, distance of lags that are not independent
 
 
 @dataclass(frozen=True)
@@ -38,12 +38,12 @@ class Camera:
 
     time: np.ndarray  #: (n,) s
     quaternion: np.ndarray  #: (n, 4) scalar first, continuous in sign
-    head: np.ndarray  #: (n,) which camera or combination
+    head: np.ndarray  #: (n,) int, sca_id: camera or combination in use
     quality: np.ndarray  #: (n,) rad, root of the sum of squares given by the product
     step_s: float  #: s
 
     def part(self, rows: np.ndarray) -> "Camera":
-        """Camera with some of its epochs."""
+        """Camera at some of its epochs, by index or mask."""
         return Camera(self.time[rows], self.quaternion[rows], self.head[rows], self.quality[rows], self.step_s)
 
 
@@ -55,13 +55,13 @@ class Firings:
     impulse_b: np.ndarray
 
     def late_by(self, delay_s: float) -> "Firings":
-        """Firings as they were if their tags are late by so many seconds."""
+        """Firings at their true times if their tags are late by delay_s."""
         return Firings(self.time - delay_s, self.impulse_b)
 
 
 @dataclass(frozen=True)
 class Records:
-    """What a day holds: attitude, firings, firings of the twin satellite (None without)."""
+    """Records of a day: attitude, firings, firings of the twin satellite (None without)."""
 
     camera: Camera
     firings: Firings
@@ -71,7 +71,7 @@ class Records:
 def align(
     observed: xr.Dataset, fired: xr.Dataset, orbit: xr.Dataset, *twin: xr.Dataset, position_b, force_b, igrf_generation
 ) -> xr.Dataset:
-    """Usable attitudes, firings with their nominal impulses, and the orbit of one day.
+    """Product "thrusters.align": usable attitudes, firings with their nominal impulses, orbit and field of one day.
 
     Of "ingest" of SCA1B, THR1B, GNV1B and, as twin, THR1B of the other satellite of the pair; position_b and force_b
     are (14, 3) m and N, in the order of the columns of THR1B.
@@ -101,7 +101,7 @@ def align(
 
 
 def _firings(observed, position_b, force_b):
-    """Attitude firings of THR1B with the impulses of the thruster table."""
+    """Attitude firings of "ingest" of THR1B; impulses are lever arm x force x time on of the thruster table."""
     names = [name for name in observed.data_vars if name.startswith("on_time")][:THRUSTERS]
     time, values = usable(observed, tuple(names))
     seconds = 1e-3 * values  # ms in the file
@@ -112,14 +112,14 @@ def _firings(observed, position_b, force_b):
 
 def records(aligned: xr.Dataset) -> Records:
     """Records of an aligned day as arrays; `aligned` is "thrusters.align"."""
-    one = {name: aligned[name].values for name in aligned.variables}
-    camera = Camera(one["time"], one["quaternion"], one["head"], one["quality"], float(one["step"]))
-    twin = Firings(one["twin_firing"], one["twin_impulse_b"]) if "twin_firing" in one else None
-    return Records(camera, Firings(one["firing"], one["impulse_b"]), twin)
+    arrays = {name: aligned[name].values for name in aligned.variables}
+    camera = Camera(arrays["time"], arrays["quaternion"], arrays["head"], arrays["quality"], float(arrays["step"]))
+    twin = Firings(arrays["twin_firing"], arrays["twin_impulse_b"]) if "twin_firing" in arrays else None
+    return Records(camera, Firings(arrays["firing"], arrays["impulse_b"]), twin)
 
 
 def off_the_orbit(aligned: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Once a minute time s, angle rad by which attitudes lie behind the orbit, and its rate rad s-1, (n,) each."""
+    """Once a minute time s, angle rad of body x behind the flight and orbital rate rad s-1, (n,) each; ratio: lag."""
     orbit, position, time = (aligned[name].values for name in ("time_orbit", "position_i", "time"))
     state = np.column_stack([position, np.gradient(position, orbit, axis=0)])
     near = np.searchsorted(time, orbit[1:-1])
@@ -128,7 +128,7 @@ def off_the_orbit(aligned: xr.Dataset) -> tuple[np.ndarray, np.ndarray, np.ndarr
 
 
 def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Small rotation (n, 3) rad from a steady turn to continuous attitudes (n, 4), and the rate (3,) of that turn."""
+    """Small rotation (n, 3) rad from a steady turn to continuous attitudes (n, 4), and its rate (3,) rad s-1."""
     steps = frames.attitude_error(quaternion[1:], quaternion[:-1])
     rate = steps.sum(axis=0) / (time[-1] - time[0])
     middle = time.size // 2
@@ -137,35 +137,35 @@ def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.
 
 
 def late(one: Records, inertia_b) -> int:
-    """Whole seconds by which firings are tagged late against the attitude, 0 where none stands out, as of few firings.
+    """Whole seconds by which firings of records `one` are tagged late against the attitude, 0 where no lag stands out.
 
     Notes
     -----
-    Squares of the correlation of the rate with steps J^-1 L at the firings, by lag, over the power of the rate.
+    Matched filter: square of the correlation, by lag, of the rate with steps J^-1 L at firings, over its power.
     """
     camera, hold = one.camera, max(int(round(one.camera.step_s)), 1)
     steps = np.diff(camera.time)
     rate = frames.attitude_error(camera.quaternion[1:], camera.quaternion[:-1]) / steps[:, None]
     count = int(camera.time[-1] - camera.time[0]) + 1 + hold
-    known, place = steps < 1.5 * camera.step_s, (camera.time[:-1] - camera.time[0]).astype(int)
-    if count < 2 * LONGEST_S or not known.any():
+    valid, place = steps < 1.5 * camera.step_s, (camera.time[:-1] - camera.time[0]).astype(int)
+    if count < 2 * LONGEST_S or not valid.any():
         return 0
-    read, kicks = np.zeros((count, 3)), np.zeros((count, 3))
+    rate_b, jumps = np.zeros((count, 3)), np.zeros((count, 3))
     for k in range(hold):
-        read[place[known] + k] = rate[known] - np.median(rate[known], axis=0)
+        rate_b[place[valid] + k] = rate[valid] - np.median(rate[valid], axis=0)
     fired = one.firings.time - camera.time[0]
     inside = (fired > 0) & (fired < count - 1)
-    np.add.at(kicks, fired[inside].astype(int), np.linalg.solve(inertia_b, one.firings.impulse_b[inside].T).T)
+    np.add.at(jumps, fired[inside].astype(int), np.linalg.solve(inertia_b, one.firings.impulse_b[inside].T).T)
     frequency = np.fft.rfftfreq(2 * count, 1.0)
-    held = np.sinc(hold * frequency) / np.maximum(2 * np.pi * frequency, 1e-9) / 1j
-    rates, foretold = np.fft.rfft(read, 2 * count, axis=0), np.fft.rfft(kicks, 2 * count, axis=0) * held[:, None]
+    response = np.sinc(hold * frequency) / np.maximum(2 * np.pi * frequency, 1e-9) / 1j
+    rates, predicted = np.fft.rfft(rate_b, 2 * count, axis=0), np.fft.rfft(jumps, 2 * count, axis=0) * response[:, None]
     power = uniform_filter1d(np.abs(rates) ** 2, ALIKE, axis=0)
     weight = ((frequency > SLOWEST_HZ) & (frequency < 0.5 / hold))[:, None] / np.maximum(power, 1e-300)
-    return -timing.lag(rates, foretold, LONGEST_S, NEAR_S, weight)
+    return -timing.lag(rates, predicted, LONGEST_S, NEAR_S, weight)
 
 
 def smooth_torque(time: np.ndarray, knot_s: float) -> np.ndarray:
-    """Attitudes (n, k) that cubic torques with a knot every so many seconds can make, splines of degree 5 on them."""
+    """Columns (n, k) of the attitude under a cubic-spline torque with knots each knot_s, B-splines of degree 5."""
     start, stop = time[0], time[-1] + 1e-3
     inner = np.linspace(start, stop, max(int(np.ceil((stop - start) / knot_s)), 1) + 1)
     knots = np.concatenate([np.full(DEGREE, start), inner, np.full(DEGREE, stop)])
@@ -173,7 +173,7 @@ def smooth_torque(time: np.ndarray, knot_s: float) -> np.ndarray:
 
 
 def impulse_response(inertia_b: np.ndarray, rate_b: np.ndarray, span_s: float) -> Callable[[np.ndarray], np.ndarray]:
-    """Small rotation after an impulse about a steady turn: function (...,) s -> (..., 3, 3) rad per N m s.
+    """Attitude after a unit impulse about a steady turn: function of lag (...,) s -> (..., 3, 3) rad per N m s.
 
     The rate_b (3,) rad s-1 is that of the turn, span_s the longest lag.
 
@@ -181,12 +181,12 @@ def impulse_response(inertia_b: np.ndarray, rate_b: np.ndarray, span_s: float) -
     -----
     angle' = -w x angle + dw, J dw' = -(w x J dw) - (dw x J w): equations.md M2, first order about a constant rate.
     """
-    lag_s = np.arange(0.0, span_s + 40.0, 10.0)  # the turn is slow: 1e-3 rad s-1
+    lag_s = np.arange(0.0, span_s + 40.0, 10.0)  # nodes each 10 s: the turn is slow, 1e-3 rad s-1
     turn = frames.cross_matrix(rate_b)
-    free = np.zeros((6, 6))
-    free[:3, :3], free[:3, 3:] = -turn, np.eye(3)
-    free[3:, 3:] = -np.linalg.solve(inertia_b, turn @ inertia_b - frames.cross_matrix(inertia_b @ rate_b))
-    step, inverse = expm(free * 10.0), np.linalg.inv(inertia_b)
+    system = np.zeros((6, 6))
+    system[:3, :3], system[:3, 3:] = -turn, np.eye(3)
+    system[3:, 3:] = -np.linalg.solve(inertia_b, turn @ inertia_b - frames.cross_matrix(inertia_b @ rate_b))
+    step, inverse = expm(system * 10.0), np.linalg.inv(inertia_b)
     response, state = np.zeros((lag_s.size, 3, 3)), np.eye(6)
     for k in range(lag_s.size):
         response[k] = state[:3, 3:] @ inverse
@@ -196,17 +196,17 @@ def impulse_response(inertia_b: np.ndarray, rate_b: np.ndarray, span_s: float) -
 
 @dataclass(frozen=True)
 class Segment:
-    """One block of time."""
+    """One block of time, with the columns of its linear model."""
 
     camera: Camera  #: its epochs
-    place: np.ndarray  #: (n,) int, on the even grid
+    place: np.ndarray  #: (n,) int, index of each epoch on the even grid of the block
     angle_b: np.ndarray  #: (n, 3) rad, attitude against a steady turn
-    smooth: np.ndarray  #: (n, k) what a smooth torque about one axis can do
-    basis: np.ndarray  #: (n, r) its orthonormal basis
-    response: Callable[[np.ndarray], np.ndarray]  #: function, angle after an impulse, of the lag
+    smooth: np.ndarray  #: (n, k) columns of the attitude under a smooth torque about one axis, see `smooth_torque`
+    basis: np.ndarray  #: (n, r) orthonormal basis of `smooth`
+    response: Callable[[np.ndarray], np.ndarray]  #: see `impulse_response`
 
     def after(self, epochs: np.ndarray, impulse_b: np.ndarray) -> np.ndarray:
-        """Attitude (n, 3, q) rad after impulses (k, 3, q) N m s; those outside the block are left out."""
+        """Attitude (n, 3, q) rad by impulses (k, 3, q) N m s at epochs (k,) s; those outside the block are left out."""
         time = self.camera.time
         inside = (epochs > time[0]) & (epochs < time[-1])
         lag = time[:, None] - epochs[inside]
@@ -216,36 +216,36 @@ class Segment:
         return (flat @ impulse_b[inside].reshape(3 * count, width)).reshape(time.size, 3, width)
 
     def after_torque(self, torque_b: np.ndarray) -> np.ndarray:
-        """Attitude (n, 3, q) rad under torques (n, 3, q) N m at the epochs of the block."""
+        """Attitude (n, 3, q) rad under torques (n, 3, q) N m, constant from each epoch of the block to the next."""
         time = self.camera.time
         width = np.diff(time, append=time[-1] + self.camera.step_s)
         return self.after(time + width / 2 - 1e-3, torque_b * width[:, None, None])
 
     def sharp(self, columns: np.ndarray) -> np.ndarray:
-        """Columns (n, 3, q) less what the smooth torque can do, so that the rest is not small beside it."""
+        """Columns (n, 3, q) with the smooth torque projected out, so that the rest is not small beside it."""
         flat = columns.reshape(len(columns), -1)
         return (flat - self.basis @ (self.basis.T @ flat)).reshape(columns.shape)
 
     def gains(self, firings: Firings) -> np.ndarray:
-        """Attitude (n, 3, 3) rad by the gain of each axis of the firings."""
+        """Derivatives (n, 3, 3) rad of the attitude by the gain about each axis, smooth torque projected out."""
         return self.sharp(self.after(firings.time, firings.impulse_b[:, :, None] * np.eye(3)))
 
     def delay(self, firings: Firings) -> np.ndarray:
-        """Attitude (n, 3, 1) rad by each second that the tags of the firings are late."""
+        """Derivative (n, 3, 1) rad s-1 of the attitude by the delay of firings, smooth torque projected out."""
         impulse = firings.impulse_b[:, :, None]
         early, late = (self.after(firings.time + d, impulse) for d in (-DELAY_STEP_S, DELAY_STEP_S))
         return self.sharp((early - late) / (2 * DELAY_STEP_S))
 
     def heads(self, heads: list[int]) -> np.ndarray:
-        """Attitude (n, 3, 3 h) rad that steps where each of these cameras is in use."""
+        """Derivatives (n, 3, 3 h) of the attitude by an offset rad on each axis of h cameras while in use."""
         steps = [(self.camera.head == head)[:, None, None] * np.eye(3) for head in heads]
         return np.concatenate(steps, axis=2) if steps else np.zeros((len(self.place), 3, 0))
 
 
 def segments(camera: Camera, inertia_b, *, block_s: float, knot_s: float) -> list[Segment]:
-    """Blocks of time, those with less than half of their epochs left out."""
+    """Blocks of block_s with torque knots each knot_s, those with less than half of their epochs left out."""
     index = np.floor((camera.time - camera.time[0]) / block_s)
-    made = []
+    kept = []
     for number in np.unique(index):
         rows = np.flatnonzero(index == number)
         if rows.size * camera.step_s > block_s / 2:
@@ -254,24 +254,24 @@ def segments(camera: Camera, inertia_b, *, block_s: float, knot_s: float) -> lis
             place = np.rint((part.time - part.time[0]) / part.step_s).astype(int)
             response = impulse_response(np.asarray(inertia_b, dtype=float), rate, np.ptp(part.time))
             smooth = smooth_torque(part.time, knot_s)
-            made.append(Segment(part, place, angle, smooth, least_squares.orthonormal(smooth, 1e-13), response))
-    return made
+            kept.append(Segment(part, place, angle, smooth, least_squares.orthonormal(smooth, 1e-13), response))
+    return kept
 
 
 def heads_of(parts: list[Segment]) -> list[int]:
-    """Cameras in use, sorted."""
+    """Sorted sca_id of the cameras in use."""
     return sorted({int(head) for part in parts for head in np.unique(part.camera.head)})
 
 
 @dataclass(frozen=True)
 class Noise:
-    """What turns attitudes into rows of unit variance."""
+    """Noise model of the attitude: decorrelation of the axes by camera, then a model of each component in time."""
 
     factor: dict[int, np.ndarray]  #: {head: (3, 3) rad-1}, inverse Cholesky factor of the covariance of its errors
     models: list[NoiseModel]  #: noise model of each of the three decorrelated components
 
     def rows(self, segment: Segment, signal: np.ndarray) -> np.ndarray:
-        """Whitened rows (3 m, q) of a signal (n, 3, q) rad on the even grid of a block; others are zero."""
+        """Whitened rows (3 m, q) of a signal (n, 3, q) rad, by component on the even grid (m,); 0 where missing."""
         count = segment.place[-1] + 1
         grid, valid = np.zeros((count, 3, signal.shape[2])), np.zeros(count, dtype=bool)
         valid[segment.place] = True
@@ -280,7 +280,7 @@ class Noise:
 
 
 def noise_of(measured: xr.Dataset) -> Noise:
-    """Noise of a product; `measured` is "thrusters.noise"."""
+    """Noise from the arrays of a product; `measured` is "thrusters.noise"."""
     one = {name: measured[name].values for name in measured.variables}
     factor = {int(head): factor for head, factor in zip(one["head"], one["factor"], strict=True)}
     models = [NoiseModel(r, v, float(one["step"])) for r, v in zip(one["reflection"], one["variance"], strict=True)]
@@ -290,12 +290,12 @@ def noise_of(measured: xr.Dataset) -> Noise:
 def quiet_noise(
     aligned: xr.Dataset, *, quiet_minimum_s: float, knot_s: float, noise_order: int, head_minimum: int
 ) -> xr.Dataset:
-    """Noise of the attitude ("thrusters.align") from stretches without firings, the smooth torque of each removed.
+    """Product "thrusters.noise": noise of the attitude ("thrusters.align") in stretches without firings.
 
-    A camera with fewer epochs than head_minimum is not used: its covariance is not measured.
+    The smooth torque of each is removed. A camera with fewer epochs than head_minimum is left out: no covariance.
     """
-    one = records(aligned)
-    pieces = list(_quiet(one.camera, one.firings.time, quiet_minimum_s, knot_s))
+    day = records(aligned)
+    pieces = list(_quiet(day.camera, day.firings.time, quiet_minimum_s, knot_s))
     samples = sum(len(residual) for residual, *_ in pieces)
     if samples < QUIET_LEAST:
         epochs, expected = f"{samples} epochs without a firing", f"{QUIET_LEAST} to measure the noise of the attitude"
@@ -305,9 +305,9 @@ def quiet_noise(
     removed = sum(piece[3] for piece in pieces)
     factor = {}
     for known in np.unique(head):
-        own = residual[head == known]
-        if len(own) >= head_minimum:
-            covariance = own.T @ own / len(own) * samples / (samples - removed)
+        of_camera = residual[head == known]
+        if len(of_camera) >= head_minimum:
+            covariance = of_camera.T @ of_camera / len(of_camera) * samples / (samples - removed)
             factor[int(known)] = np.linalg.inv(np.linalg.cholesky(covariance))
     if not factor:
         epochs, remedy = f"{samples} quiet epochs of {np.unique(head).size} cameras", "Give a longer record."
@@ -317,10 +317,10 @@ def quiet_noise(
         known = np.isin(heads, list(factor))
         grid = np.full((place[-1] + 1, 3), np.nan)
         if known.any():
-            turned = np.stack([factor[int(h)] for h in heads[known]]) @ values[known][..., None]
-            grid[place[known]] = turned[..., 0]
+            decorrelated = np.stack([factor[int(h)] for h in heads[known]]) @ values[known][..., None]
+            grid[place[known]] = decorrelated[..., 0]
         grids.append(grid)
-    step = one.camera.step_s
+    step = day.camera.step_s
     models = [fit_noise([grid[:, axis] for grid in grids], noise_order, step, removed) for axis in range(3)]
     noise = {"head": list(factor), "factor": list(factor.values()), "step": step}
     noise |= {"reflection": [m.reflection for m in models], "variance": [m.variance for m in models]}
@@ -328,7 +328,7 @@ def quiet_noise(
 
 
 def _quiet(camera, firing_times, quiet_minimum_s, knot_s) -> Iterator[tuple]:
-    """Residual (n, 3) rad, head (n,), place on the grid (n,) and number of parameters of each quiet stretch."""
+    """Residual (n, 3) rad, camera (n,), index on the even grid (n,), coefficients an axis, of each quiet stretch."""
     ends = np.concatenate([camera.time[:1], firing_times, camera.time[-1:]])
     for start, stop in zip(ends[:-1], ends[1:], strict=True):
         rows = np.flatnonzero((camera.time > start + MARGIN_S) & (camera.time < stop - MARGIN_S))

@@ -20,7 +20,7 @@ from gravcal.physics import frames, orbit_environment
 PRESENT = ("torque.thruster_firings", "timing.thruster_delay", "unknown:star_camera_in_use")
 
 DELAYS = {"timing.thruster_delay": 1, "timing.star_camera_delay": -1}  # late firings look like an early camera
-unweighed = functools.partial(listed, prior=False)
+unweighed = functools.partial(listed, prior=False)  # Candidate of a listed effect without prior sizes
 LATE_S = 10  # within seconds control answers a firing
 HEADS = 0b111  # bits of sca_id that are heads; another is the gyroscopes
 SEEN = 3.0  # sigma of a bias between heads that may move the attitude
@@ -31,14 +31,14 @@ def observe(
 ) -> "Attitude | LateTags":
     """Observations of one day: "align" and "noise" of thrusters, "heads" where there is SCA1A.
 
-    Where attitude and firings agree and the orbit is of another time, nothing but that.
+    LateTags of the orbit alone where attitude and firings agree and the orbit is off by more than camera_limit_s.
     """
     records, noise = model.records(products["align"]), model.noise_of(products["noise"])
     late = model.late(records, inertia)
     time, angle, rate = model.off_the_orbit(products["align"])
-    apart = float(np.median(angle / rate))
-    if abs(apart) > camera_limit_s and abs(late) <= LATE_S:
-        delay = Parameter(-apart, POINTING_S, "s")
+    orbit_lag = float(np.median(angle / rate))
+    if abs(orbit_lag) > camera_limit_s and abs(late) <= LATE_S:
+        delay = Parameter(-orbit_lag, POINTING_S, "s")
         return of_late_orbit(products["align"], time, angle, -rate, delay, "pitch", Attitude.name)
     rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
     late = late if abs(late) > LATE_S else 0
@@ -49,7 +49,7 @@ def observe(
 
 @dataclass(frozen=True)
 class Attitude(Observations):
-    """Observations of a day."""
+    """Observations of a day: whitened attitude in blocks, firings among the causes."""
 
     aligned: xr.Dataset  #: "thrusters.align"
     records: model.Records  #: of the day
@@ -68,38 +68,38 @@ class Attitude(Observations):
 
     @functools.cached_property
     def signals(self) -> list[Candidate]:
-        """Causes with their columns (n, 3, q) rad in every block, not whitened."""
+        """Candidates with columns (n, 3, q) rad of the attitude in every block, not whitened."""
         segments, firings = [row.segment for row in self.rows], self.firings
         gain = estimate.gains_alone(self.rows, firings)
         if self.late:  # nothing else is looked for beside what is not there
             whole = [segment.gains(firings) @ gain[:, None] / self.late for segment in segments]
             return [unweighed(effect(slug), [sign * one for one in whole]) for slug, sign in DELAYS.items()]
-        late = [segment.delay(Firings(firings.time, firings.impulse_b * gain)) for segment in segments]
+        by_delay = [segment.delay(Firings(firings.time, firings.impulse_b * gain)) for segment in segments]
         constant, mounting = effect("torque.constant"), effect("attitude.star_camera_misalignment")
         contexts = [Context(time=segment.camera.time) for segment in segments]
-        pushed = [s.after_torque(constant.columns(one)) for s, one in zip(segments, contexts, strict=True)]
-        made = [
+        by_torque = [s.after_torque(constant.columns(one)) for s, one in zip(segments, contexts, strict=True)]
+        causes = [
             unweighed(effect("torque.thruster_firings"), [segment.gains(firings) for segment in segments]),
-            unweighed(effect("timing.thruster_delay"), late),
-            unweighed(effect("timing.star_camera_delay"), [-one for one in late]),  # the smooth rate is free
-            unweighed(constant, pushed),
+            unweighed(effect("timing.thruster_delay"), by_delay),
+            unweighed(effect("timing.star_camera_delay"), [-one for one in by_delay]),  # the smooth rate is free
+            unweighed(constant, by_torque),
             unweighed(mounting, [mounting.columns(one) for one in contexts]),
         ]
         quality = [segment.camera.quality[:, None, None] * np.eye(3) for segment in segments]
-        made.append(unknown("star_camera_quality", "attitude follows qual_rss", quality, "1"))
+        causes.append(unknown("star_camera_quality", "attitude follows qual_rss", quality, "1"))
         heads = model.heads_of(segments)[:-1]
         if heads:
             names = [f"{axis}_of_{head}" for head in heads for axis in "xyz"]
             steps = [segment.heads(heads) for segment in segments]
-            made.append(unknown("star_camera_in_use", "attitude steps", steps, "rad", names))
-            made += self._by_the_heads(segments)
+            causes.append(unknown("star_camera_in_use", "attitude steps", steps, "rad", names))
+            causes += self._by_the_heads(segments)
         if self.records.twin is not None:
             other = [segment.gains(self.records.twin) for segment in segments]
-            made.append(unknown("twin_firings", "impulse", other, "N m s"))
-        return [*made, *self._along_the_orbit(segments)]
+            causes.append(unknown("twin_firings", "impulse", other, "N m s"))
+        return [*causes, *self._along_the_orbit(segments)]
 
     def _by_the_heads(self, segments: list[Segment]):
-        """Steps that the bias between heads makes, where SCA1A shows one and each head in use is known."""
+        """List of the candidate of attitude steps by the biases between heads; empty where SCA1A shows none."""
         if self.heads is None:
             return []
         turns = dict(zip(self.heads["code"].values.tolist(), self.heads["turn_b"].values, strict=True))
@@ -115,38 +115,38 @@ class Attitude(Observations):
         return [unweighed(cause, columns)]
 
     def _along_the_orbit(self, segments: list[Segment]):
-        """Torque that is there in sunlight only, and a constant dipole of the satellite in the field."""
+        """Candidates of a constant torque in sunlight only, and of a constant dipole of the satellite in the field."""
         orbit, position, field = (self.aligned[name].values for name in ("time_orbit", "position_i", "field_i"))
         dipole = effect("torque.residual_dipole")
         light = orbit_environment.sunlit(position, orbit_environment.sun_i(orbit[:1])).astype(float)
-        in_light, of_dipole = [], []
+        by_sunlight, by_dipole = [], []
         for segment in segments:
             time = segment.camera.time
             lit = np.interp(time, orbit, light)
-            in_light.append(segment.sharp(segment.after_torque(lit[:, None, None] * np.eye(3))))
+            by_sunlight.append(segment.sharp(segment.after_torque(lit[:, None, None] * np.eye(3))))
             R_bi = frames.R_bi_from_quaternion(segment.camera.quaternion)
             field_b = np.matvec(R_bi, lines_between(time, orbit, field))
-            each = dipole.columns(Context(time=time, dipole_b=np.zeros((time.size, 3))))
-            torque = np.cross(np.moveaxis(each, 2, 1), field_b[:, None, :])
-            of_dipole.append(segment.after_torque(np.moveaxis(torque, 1, 2)))
-        return [unknown("sunlight", "torque in sunlight", in_light, "N m"), unweighed(dipole, of_dipole)]
+            unit_dipoles = dipole.columns(Context(time=time, dipole_b=np.zeros((time.size, 3))))
+            torque = np.cross(np.moveaxis(unit_dipoles, 2, 1), field_b[:, None, :])
+            by_dipole.append(segment.after_torque(np.moveaxis(torque, 1, 2)))
+        return [unknown("sunlight", "torque in sunlight", by_sunlight, "N m"), unweighed(dipole, by_dipole)]
 
     @functools.cached_property
     def whitened(self) -> list[Candidate]:
-        """The same causes with whitened rows."""
+        """Candidates of `signals` with whitened columns (3 m, q) in every block."""
         each = ((one, zip(self.rows, one.columns, strict=True)) for one in self.signals)
         return [replace(one, columns=[row.whiten(c) for row, c in pairs]) for one, pairs in each]
 
     @functools.cached_property
     def inflation(self) -> float:
-        """Variance of the day over that of its quiet stretches, by firings at wrong times."""
+        """Variance inflation factor of the day over its quiet stretches, by firings at wrong times."""
         present = [one.columns for one in self.whitened if one.cause in PRESENT]
         present = [np.concatenate(columns, axis=1) for columns in zip(*present, strict=True)]
         return estimate.inflation(self.rows, present, estimate.wrong_times(self.rows, self.firings))[0]
 
     @functools.cached_property
     def blocks(self) -> list[Block]:
-        """One block a stretch of time; nothing is shared between them, all divided by the inflation."""
+        """One block a stretch of time without common parameters, whitened, over the square root of the inflation."""
         made, size = [], np.sqrt(self.inflation)
         for row in self.rows:
             count, begin = row.observed.size // 3, row.segment.camera.time[0]
@@ -157,18 +157,18 @@ class Attitude(Observations):
 
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
-        """Causes, all divided by the inflation."""
+        """Candidates of `whitened` over the square root of the inflation."""
         size = np.sqrt(self.inflation)
         return [replace(one, columns=[c / size for c in one.columns]) for one in self.whitened]
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records with the attitude turned back by what the effects of a model add."""
-        added = np.zeros((self.aligned.sizes["time"], 3))
+        angle_b = np.zeros((self.aligned.sizes["time"], 3))
         for entry in model:
             for one in (s for s in self.signals if (s.cause, s.form) == (entry.cause, entry.form)):
                 for row, angle in zip(self.rows, one.added(entry), strict=True):
-                    added[np.searchsorted(self.records.camera.time, row.segment.camera.time)] += angle
-        turned = frames.quaternion_product(self.records.camera.quaternion, frames.from_rotation_vector(-added))
+                    angle_b[np.searchsorted(self.records.camera.time, row.segment.camera.time)] += angle
+        turned = frames.quaternion_product(self.records.camera.quaternion, frames.from_rotation_vector(-angle_b))
         return self.aligned.assign(quaternion=self.aligned["quaternion"].copy(data=turned))
 
 

@@ -12,7 +12,7 @@ WORDS = words(__file__, "page.toml")
 
 
 def content(products):
-    """Facts of the record, and what follows the result."""
+    """Facts {name: number} of the record, and the sections of the page after the result; products {stage: Dataset}."""
     estimate = products["estimate"]
     facts = {
         "firings": int(estimate["firings"]),
@@ -42,19 +42,19 @@ def _heads(products):
 
 
 def more(products):
-    """Bias and noise of the heads as named parameters, null with the reason where they are not known."""
+    """Bias and noise of the heads for the document, null with the reason where they are not known, and no sentence."""
     heads = products.get("heads")
     if heads is None or not heads["parameter"].size:
-        said = "no SCA1A" if heads is None else "SCA1A has no block of time with two heads"
-        return {"heads": {"said": said, "parameters": None}}, ""
+        text = "no SCA1A" if heads is None else "SCA1A has no block of time with two heads"
+        return {"heads": {"said": text, "parameters": None}}, ""
     chi2, dof = float(heads["agreement_chi2"]), int(heads["agreement_dof"])
-    said = f"From {int(heads['blocks'])} blocks; parts disagree with chi-square {chi2:.1f} of {dof} by noise alone."
-    said += "" if np.isfinite(heads["value"]).all() else " Attitudes are too rare for the fast band."
-    return {"heads": {"said": said} | document(heads)}, ""
+    text = f"From {int(heads['blocks'])} blocks; parts disagree with chi-square {chi2:.1f} of {dof} by noise alone."
+    text += "" if np.isfinite(heads["value"]).all() else " Attitudes are too rare for the fast band."
+    return {"heads": {"said": text} | document(heads)}, ""
 
 
 @WORDS.figure("estimate")
-def _wrong_times(panel, estimate):
+def _wrong_times(panel, estimate):  # chi-square gained by firings at each wrong time, and its mean
     gained = estimate["shifted_gain"].values
     panel.stem(estimate["shift"].values, gained, linefmt=COLOURS["blue"], basefmt=" ", markerfmt="o")
     panel.axhline(gained.mean(), color=COLOURS["vermilion"], linestyle="--")
