@@ -17,10 +17,10 @@ from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.outcome import Band, Outlier
 
-BANDS = 4
-DRAWS = 199
-QUIET = 1e-3  # probability of so little power, below which the noise is overrated
-CERTAIN = -10.0  # log of a probability below which several kinds of excess are there for sure
+BANDS = 4  # of equal width, of the spectrum of a channel in a block
+DRAWS = 199  # of noise
+QUIET = 1e-3  # p-value of so little power, below which the noise is overrated
+CERTAIN = -10.0  # log p-value below which an excess is certain; of several certain ones the score decides
 #: Expected number of rows of noise beyond the limit of an outlier, and what its neighbours have to stay below.
 CHANCE, NEAR = 1e-3, 2.5
 #: Rows that a bad sample spreads over beyond the coefficients of the noise model, and outliers in a channel of a block.
@@ -31,31 +31,31 @@ PULSE = -0.3
 
 @dataclass(frozen=True)
 class Test:
-    """Outcome."""
+    """Outcome of the adequacy tests of a baseline."""
 
-    p: float  #: probability of so small a minimum on clean data
-    rows: list[Band]  #: power against expected noise
+    p: float  #: probability that noise alone gives so small a least p-value
+    rows: list[Band]  #: power over that of noise by block, channel and band
     scans: list[scan.Scan]  #: list of Scan of the residual
     rest: list[np.ndarray]  #: (n,) residual of each block
-    quiet: float = 1.0  #: of so little power in any channel and band
+    quiet: float = 1.0  #: p-value of so little power in any channel and band
     excess: scan.Excess | None = None  #: the most unlikely of `scan.excess`, None where nothing is long enough
-    excess_p: float = 1.0  #: probability of one so unlikely on clean data
+    excess_p: float = 1.0  #: its p-value
 
     def adequate(self, level: float) -> bool:
-        """Whether the residual is noise at a family-wise level."""
+        """True if the residual is noise at a family-wise level, and has not too little power."""
         return bool(self.p >= level and self.quiet >= QUIET)
 
 
 def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Test:
-    """Test a baseline; raises EstimationError where the model takes up all that was measured."""
-    both = [np.concatenate([m, n], axis=1) for m, n in zip(observed_rows(problem), noise, strict=True)]
-    rest = residuals_of(problem, baseline, both, over=True)
+    """Test of a baseline (p,) against noise draws (n, d) a block; EstimationError if the model takes up all data."""
+    signals = [np.concatenate([m, n], axis=1) for m, n in zip(observed_rows(problem), noise, strict=True)]
+    rest = residuals_of(problem, baseline, signals, over=True)
     channels = sorted({c for b in problem.blocks for c in b.channel})
     scans = [scan.lines(problem, baseline, rest, channel) for channel in channels]
     scans = [s for s in [*scans, scan.steps(problem, baseline, rest)] if s.at.size]
-    power = [one for channel in channels for one in scan.excess(problem, rest, channel)]
+    excesses = [one for channel in channels for one in scan.excess(problem, rest, channel)]
     rows, smallest, quiet = _bands(problem.blocks, rest)
-    unlikely = [one.log_p for one in power]
+    unlikely = [one.log_p for one in excesses]
     lines = [chi2_tail.least_log_tail(s.gain, np.maximum(s.dof, 1)) + np.log(s.at.size) for s in scans]
     gram, gains, dof = attribution.projected(problem.total, baseline), [], []
     right = sum(c.onto(r) for c, r in zip(problem.columns, rest, strict=True))
@@ -74,16 +74,16 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
             readings=count,
         )
     least = np.min(families, axis=0)
-    own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1].copy(), s.dof) for s in scans]  # no views
-    certain = [one for one in power if one.log_p[0] < CERTAIN]
-    excess = max(certain, key=lambda one: one.score, default=min(power, key=lambda one: one.log_p[0], default=None))
-    excess_p = _rank(np.min(unlikely, axis=0)) if power else 1.0
+    kept = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1].copy(), s.dof) for s in scans]  # no views
+    certain = [one for one in excesses if one.log_p[0] < CERTAIN]
+    excess = max(certain, key=lambda one: one.score, default=min(excesses, key=lambda one: one.log_p[0], default=None))
+    excess_p = _rank(np.min(unlikely, axis=0)) if excesses else 1.0
     quiet = 1.0 if quiet is None else _rank(quiet)
-    return Test(_rank(least), rows, own, [r[:, 0].copy() for r in rest], quiet, excess, excess_p)
+    return Test(_rank(least), rows, kept, [r[:, 0].copy() for r in rest], quiet, excess, excess_p)
 
 
 def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Problem, list[Outlier]]:
-    """Problem without isolated outliers in any column, and these.
+    """Problem with isolated outliers removed by local columns of their own, and a list of these outliers.
 
     A sample that is further from the baseline than noise can be, alone in its channel but for what the whitening makes
     of it (order: coefficients of the noise model), and that no listed cause and no step explains. A column of its own
@@ -115,7 +115,7 @@ def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Proble
 
 
 def _alone(values, limit, width):
-    """Groups of rows about single far ones; none where there are more than a few, for that is a pattern."""
+    """Index groups about isolated residuals beyond limit, up to width rows away; none if over MOST, a pattern."""
     groups, left = [], np.abs(values)
     while left.max(initial=0.0) > limit:
         worst = int(np.argmax(left))
@@ -127,7 +127,7 @@ def _alone(values, limit, width):
 
 
 def _explained(problem, baseline, rest, number, group, limit):
-    """Whether a listed cause or a step leaves nothing of far rows (g,) in a block."""
+    """True if a listed cause or a step fits the far rows, group (g,), of block `number` to within limit."""
     block, columns = problem.blocks[number], problem.columns[number]
     gram, inverse = attribution.projected(problem.total, baseline), inverse_of_baseline(problem, baseline)
     rows = np.stack([columns.row(i) for i in group])
@@ -157,7 +157,7 @@ def _explained(problem, baseline, rest, number, group, limit):
 
 
 def _steps_about(block, row):
-    """Columns (n, 2 q) of steps at two neighbouring samples about a row, that of the search moved there.
+    """Yield columns (n, 2 q) of steps at two neighbouring samples near a row: the block's nearest step, shifted.
 
     Both of one sign are a step between the samples, both of opposite sign a pulse.
     """
@@ -172,7 +172,7 @@ def _steps_about(block, row):
 
 
 def _rank(least):
-    """Probability of a log as small as the first by the others, which are draws: its rank among them.
+    """P-value of the first of log p-values (1 + d,) among the others, which are of noise: its rank.
 
     Below a quarter of the draws it falls as their own tail does, at most as a probability should (Hill, Ann. Stat. 3,
     1975).
@@ -186,7 +186,7 @@ def _rank(least):
 
 
 def _bands(blocks, rest):
-    """Rows for the first column, and logs of the corrected smallest probabilities of more and of less power."""
+    """Band rows of the first column; corrected log p-value (1 + d,) of the most and of the least power in a band."""
     rows, log_p, sums = [], [], {}
     for block, values in zip(blocks, rest, strict=True):
         for channel in dict.fromkeys(block.channel):
@@ -204,8 +204,8 @@ def _bands(blocks, rest):
                 rows.append(Band(block.label, str(channel), band, *numbers))
     means = {place: s[1:-1].mean() for place, s in sums.items()}
     shapes = {place: means[place] ** 2 / s[-1] for place, s in sums.items()}
-    less = [chi2_tail.log_gamma_tail(s[:-1], shapes[n], means[n], smaller=True) for n, s in sums.items()]
-    return rows, *(np.min(one, axis=0) + np.log(len(one)) if one else None for one in (log_p, less))
+    deficit = [chi2_tail.log_gamma_tail(s[:-1], shapes[n], means[n], smaller=True) for n, s in sums.items()]
+    return rows, *(np.min(one, axis=0) + np.log(len(one)) if one else None for one in (log_p, deficit))
 
 
 def _power(block, channel, values):

@@ -33,7 +33,7 @@ class Choice:
     tie: float  #: expected chi-square below which two causes are tied
     rounds: int  #: at most
     step_cause: str  #: slug of a step
-    tone_causes: dict[str, str]  #: {channel: slug}
+    tone_causes: dict[str, str]  #: {channel: slug of the cause of a line in it}
     segment_s: float = 15.0  #: s, stretch of time that is left out for causes of a single block
     quiet: Mapping[str, float] = field(default_factory=dict)  #: {channel: quiet samples an axis of its noise}
     order: Mapping[str, int] = field(default_factory=dict)  #: {channel: coefficients of its noise model}
@@ -43,7 +43,7 @@ class Choice:
 
     @property
     def excess_level(self) -> float:
-        """What power beyond noise that follows nothing may spend of the family-wise level."""
+        """Share of the family-wise level for excess power that follows no regressor."""
         return self.level * trials.SHARES["excess"]
 
     @property
@@ -86,8 +86,8 @@ class Result:
     findings: list[Finding]  #: list of Finding
     before: adequacy.Test  #: of the baseline
     after: adequacy.Test  #: of the extended model
-    chi2: tuple[float, float]  #: before, after; dof
-    dof: int
+    chi2: tuple[float, float]  #: before, after
+    dof: int  #: of chi2 before
     shared: tuple[np.ndarray, np.ndarray]  #: (p,) corrections of the shared parameters before, after
     covariance: tuple[np.ndarray, np.ndarray]  #: (p, p) before, after
     problem: Problem  #: Problem, with everything accepted
@@ -95,7 +95,7 @@ class Result:
     first: list[trials.Trial]  #: list of Trial of the first round, best first
     adopted: list[bool] = field(default_factory=list)  #: whether each finding is in the calibration that is delivered
     outliers: Sequence[Outlier] = ()  #: left out before the search
-    #: {cause not named: (p,) what its directions that the data do not see add to the error after, rms}
+    #: {cause not named: (p,) rms that its unobservable directions add to the error of the parameters after}
     unseen: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
@@ -105,12 +105,12 @@ class Result:
 
 
 def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> Result:
-    """All rounds."""
+    """Result of all rounds of a search in whitened blocks; rng draws the noise that they are tested against."""
     return concluded(begun(blocks, candidates, choice, rng), choice)
 
 
 def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng, before=None) -> tuple:
-    """State of a search that has named what follows something; the test of the baseline may be known before."""
+    """State of a search, as `concluded` takes it, before excess power is named; `before`: baseline test if known."""
     problem, outliers = adequacy.without_outliers(prepare(blocks, candidates), choice.order)
     noise = drawn_noise(problem, adequacy.DRAWS, choice.quiet, rng, choice.order, choice.spectra)
     before = before or adequacy.test(problem, baseline_of(problem, ()), noise)
@@ -120,7 +120,7 @@ def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng,
 
 
 def concluded(state: tuple, choice: Choice) -> Result:
-    """Result of a search that was begun, with the power beyond noise that follows nothing if it is to be named."""
+    """Result of a search from its state as of `begun`, excess power named if choice.excess."""
     problem, outliers, noise, before, chosen, first, after = state
     if choice.excess:
         known = len(chosen)
@@ -134,14 +134,14 @@ def concluded(state: tuple, choice: Choice) -> Result:
 
 
 def names(problem: Problem, choice: Choice) -> list[set[str]]:
-    """Causes that the rounds name, each with those of the catalogue that it is tied with."""
+    """Set of slugs for each cause that the rounds name: itself and the catalogue causes that it is tied with."""
     problem, chosen, _ = _named(problem, choice)
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
     return [{slug_of(name) for name in (one.cause, *one.tied)} for one in findings]
 
 
 def _named(problem, choice):
-    """Problem with all that was tried, (index, trial) of every name, and the trials of the first round, best first."""
+    """Problem with candidates made on the way, [(index, Trial)] of all names, trials of the first round, best first."""
     chosen, first = [], None
     for _ in range(choice.rounds):
         used = [k for k, _ in chosen]
@@ -163,7 +163,7 @@ def _named(problem, choice):
 
 
 def _best(problem, used, rows, choice):
-    """Problem, and (index, trial) of the winner of a round that holds on data left out; None if nothing passes."""
+    """Problem and (index, Trial) of the best of rows that passes every test and gains on held-out data, else None."""
     problem, everything = trials.sparse(problem, baseline_of(problem, used), rows, choice)
     rows = [t for t in everything if t.significance < choice.level]
     problem, rows = trials.sized(problem, baseline_of(problem, used), rows)
@@ -194,7 +194,7 @@ def _best(problem, used, rows, choice):
 
 
 def _possible(candidate, ratio):
-    """Whether a listed cause has a meaning in the size that it is found with: no scale is negative."""
+    """True if the fitted size of a listed cause is meaningful: no parameter is CLEAR sigma below its lower bound."""
     known = catalogue().get(slug_of(candidate.cause))
     lower = {one.name: one.lower for one in known.parameters} if known else {}
     least = [lower.get(name, -np.inf) for name in candidate.names]
@@ -202,7 +202,7 @@ def _possible(candidate, ratio):
 
 
 def _with_noise_error(problem, used, index, trial, value, choice):
-    """Trial with the probability that it has beside the error of the noise where the candidate has its power."""
+    """Trial, its significance with the error of the noise density where a candidate of value (q,) has its power."""
     place = problem.places[index]
     signal = [one.of(np.arange(place.start, place.stop)) @ value[:, None] for one in problem.columns]
     error = scan.level_error(problem, baseline_of(problem, used), signal, choice.spectra)
@@ -211,13 +211,13 @@ def _with_noise_error(problem, used, index, trial, value, choice):
 
 
 def _times(trial):
-    """Logarithm of the number by which the probability of a trial was corrected."""
+    """Natural log of the number of trials by which a trial's p-value was corrected, MANY if that is not known."""
     known = trial.significance > 0 and np.isfinite(trial.log_p)
     return np.log(trial.significance) - trial.log_p if known else MANY
 
 
 def _ranked(problem, used, rows, choice):
-    """Best first; a listed cause goes before one in no list that is not clearly better, time alone after all others."""
+    """Trials best first; catalogue causes before drivers in no list unless clearly worse, time as driver last."""
     rows, tie = sorted(rows, key=lambda t: -t.score), choice.tie
     if rows and rows[0].cause == TIME:  # what was measured says why, time says when
         near = [t for t in rows if t.score > rows[0].score - tie / 2 and t.cause != TIME and t.kind == "unknown"]
@@ -233,9 +233,9 @@ def _ranked(problem, used, rows, choice):
 
 
 def _stands(problem, used, trial, best, choice):
-    """Whether a cause may be true though one in no list gained more: Cox's test of models that are not nested.
+    """True if a trial may be true though `best`, in no list, gained more, by Cox's test of non-nested models.
 
-    If it is true, the other loses the chi-square by which they are apart, with twice its root as standard deviation.
+    If it is true, the score of the other is lower by the expected misfit, with twice its root as standard deviation.
     """
     if trial.index < 0 or best.index < 0:
         return False
@@ -244,25 +244,25 @@ def _stands(problem, used, trial, best, choice):
     gram, tie = attribution.projected(problem.total, baseline_of(problem, used)), choice.tie
     place, other = problem.places[trial.index], problem.places[best.index]
     value = attribution.ratio(gram, place, problem.size).value
-    apart = max(attribution.misfit(gram, place, value, other, problem.size), 0.0)
-    return best.score - trial.score < 2 * np.sqrt(tie * apart) - apart
+    expected = max(attribution.misfit(gram, place, value, other, problem.size), 0.0)
+    return best.score - trial.score < 2 * np.sqrt(tie * expected) - expected
 
 
 def _needless(problem, used, index, wider, choice):
-    """Whether a driver in no list holds all of a cause, and beside it its other parameters would not be named.
+    """True if a driver in no list, `wider`, contains cause `index` and its further parameters are not significant.
 
-    What the wider of two nested models leaves of the narrower is zero whatever is true: only its further gain speaks.
+    The wider of two nested models fits the narrower whatever is true, so that only its further gain counts.
     """
     if problem.candidates[wider].listed or attribution.beside(problem, [*used, wider], index).dof:
         return False
-    more = attribution.beside(problem, [*used, index], wider)
+    further = attribution.beside(problem, [*used, index], wider)
     times = sum(not one.listed for one in problem.candidates) / trials.SHARES["unknown"]
-    chance = chi2_tail.log_tail(more.gain, max(more.dof, 1), choice.freedom) + np.log(times)
-    return more.dof > 0 and chance >= np.log(choice.level)
+    chance = chi2_tail.log_tail(further.gain, max(further.dof, 1), choice.freedom) + np.log(times)
+    return further.dof > 0 and chance >= np.log(choice.level)
 
 
 def _revised(problem, chosen, choice):
-    """Every name tried again with all the others in the baseline; one that does not pass any more goes."""
+    """Problem and names, each tried again with all others in the baseline and dropped if it no longer passes."""
     if len(chosen) < 2:
         return problem, chosen
     for _ in range(2):
@@ -281,7 +281,7 @@ def _revised(problem, chosen, choice):
 
 
 def _finding(problem, chosen, position, choice):
-    """Finding with all others in the baseline."""
+    """Finding of the name at a position of chosen, with all other names in the baseline."""
     index, trial = chosen[position]
     others = [k for i, (k, _) in enumerate(chosen) if i != position]
     baseline, candidate = baseline_of(problem, others), problem.candidates[index]
@@ -324,7 +324,7 @@ def _finding(problem, chosen, position, choice):
 
 
 def _widest(problem, index):
-    """Index of the widest form of a cause that holds the parameters of one."""
+    """Index of the form of a candidate's cause with most parameters that has all of the candidate's, else itself."""
     candidate = problem.candidates[index]
     forms = [k for k, c in enumerate(problem.candidates) if c.cause == candidate.cause and c.listed and not c.apart]
     wide = [k for k in forms if set(candidate.names) < set(problem.candidates[k].names) and candidate.shape is None]
@@ -333,33 +333,34 @@ def _widest(problem, index):
 
 
 def _near(problem, gram, index, ratio, tie):
-    """Other causes whose refit leaves less than the limit of expected chi-square: {cause: (chi-square, best form)}."""
-    true, left = problem.places[index], {}
+    """{other cause: (expected chi-square left, index)} of causes that, fitted to the true one, leave less than tie."""
+    true, near = problem.places[index], {}
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
         if candidate.cause == problem.candidates[index].cause:
             continue
         expected = attribution.misfit(gram, true, ratio.value, place, problem.size) - ratio.dof
-        if expected < min(tie, left.get(candidate.cause, (np.inf, -1))[0]):
-            left[candidate.cause] = (expected, k)
-    return left
+        if expected < min(tie, near.get(candidate.cause, (np.inf, -1))[0]):
+            near[candidate.cause] = (expected, k)
+    return near
 
 
 def _as_good(problem, gram, index, ratio, tie):
-    """Drivers in no list that describe this data as well as what was named, within half the limit; as of `_near`."""
+    """{driver in no list: (expected chi-square left, index)} of those whose score is within tie/2 of the named one."""
     near = {}
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
         other = None if candidate.listed else attribution.ratio(gram, place, problem.size)
         if other is None or not other.dof:
             continue
-        lost = ratio.gain - other.gain - trials.COST * (ratio.dof - other.dof)
-        if lost < min(tie / 2, near.get(candidate.cause, (np.inf, -1))[0]):
-            near[candidate.cause] = (lost, k)
+        loss = ratio.gain - other.gain - trials.COST * (ratio.dof - other.dof)
+        if loss < min(tie / 2, near.get(candidate.cause, (np.inf, -1))[0]):
+            near[candidate.cause] = (loss, k)
     true = problem.places[index]
-    apart = {k: attribution.misfit(gram, true, ratio.value, problem.places[k], problem.size) for _, k in near.values()}
-    return {cause: (apart[k] - ratio.dof, k) for cause, (_, k) in near.items()}
+    left = {k: attribution.misfit(gram, true, ratio.value, problem.places[k], problem.size) for _, k in near.values()}
+    return {cause: (left[k] - ratio.dof, k) for cause, (_, k) in near.items()}
 
 
 def _result(problem, findings, tests, baseline, first):
+    """Result with chi-square, shared parameters (p,) and covariance (p, p) of the fits before and after."""
     total, width, ends = problem.total, problem.shared.stop - 1, []
     for fixed in (baseline_of(problem, ()), baseline):
         covariance = inverse_of_baseline(problem, fixed)
@@ -383,7 +384,7 @@ MANY = 10.0  # log of what a probability that is zero to rounding was corrected 
 
 
 def merged(problem: Problem, chosen: list, choice) -> list:
-    """Several forms of one listed cause become the form with all its parameters, of several shapes the best."""
+    """Names [(index, Trial)] with several forms of a listed cause replaced by its best form with all parameters."""
     causes = [problem.candidates[k].cause for k, _ in chosen]
     apart = {c.cause for c in problem.candidates if c.apart}
     twice = next((c for c in causes if causes.count(c) > 1 and c not in apart and not c.startswith("unknown:")), None)
@@ -399,7 +400,7 @@ def merged(problem: Problem, chosen: list, choice) -> list:
 
 
 def without_shadows(problem: Problem, chosen: list) -> list:
-    """Names without those that gain little beside a cause in no list.
+    """Names [(index, Trial)] without those that gain under SHADOW of the largest gain of a cause in no list.
 
     A regressor made of measured channels follows an unknown effect to some ten percent of its size; what it leaves, a
     percent of its gain, looks like anything. That stays unexplained rather than get a name.
@@ -412,21 +413,21 @@ def without_shadows(problem: Problem, chosen: list) -> list:
 
 
 def pruned(problem: Problem, chosen: list) -> list:
-    """Names without those that cancel each other: of two contributions whose sum is small that which gains less goes.
+    """Names without those that cancel: of two contributions whose sum is small, the one of less gain is dropped.
 
-    Each is far larger than what both explain, so that the data speak for neither.
+    Each is far larger than what both explain, so that the data support neither.
     """
     while len(chosen) > 1:
         indices = [k for k, _ in chosen]
         baseline = baseline_of(problem, indices)
         value = inverse_of_baseline(problem, baseline) @ problem.total[baseline, 0]
         gram, width = attribution.projected(problem.total, baseline_of(problem, ())), problem.shared.stop - 1
-        whole = np.zeros((problem.size.size, len(indices)))
+        coefficients = np.zeros((problem.size.size, len(indices)))
         for column, k in enumerate(indices):
-            own = np.isin(baseline, np.arange(problem.places[k].start, problem.places[k].stop))
-            own[:width] = False
-            whole[baseline[own], column] = value[own]
-        power = whole.T @ gram @ whole
+            columns = np.isin(baseline, np.arange(problem.places[k].start, problem.places[k].stop))
+            columns[:width] = False
+            coefficients[baseline[columns], column] = value[columns]
+        power = coefficients.T @ gram @ coefficients
         size = np.diag(power)
         joint = (size[:, None] + size + 2 * power) / np.maximum(np.minimum(size[:, None], size), 1e-300)
         np.fill_diagonal(joint, np.inf)
@@ -440,7 +441,7 @@ def pruned(problem: Problem, chosen: list) -> list:
 
 
 def settled(problem, chosen, choice, noise, before):
-    """Names and adequacy; where too much is left, listed causes give way to ones in no list that are as good."""
+    """Names and adequacy Test; where the fit is not adequate, listed causes yield to equal drivers in no list."""
     if not chosen:
         return chosen, before
     after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
@@ -457,9 +458,9 @@ def settled(problem, chosen, choice, noise, before):
 
 
 def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, list]:
-    """Problem and names in which steps to and fro of one size are one signal between two levels, which is no step.
+    """Problem and names, JUMPS or more steps to and fro of one size replaced by one signal between two levels.
 
-    Blocks with an origin of their own tell no sign of one beside another, so that a step may go either way in each.
+    The relative sign of blocks with separate origins is not observable, so that a step may go either way in each.
     """
     candidates = [(k, problem.candidates[k]) for k, _ in chosen]
     candidates = [(k, one) for k, one in candidates if slug_of(one.cause) == choice.step_cause and not one.apart]
@@ -475,23 +476,23 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
     whole, right = gram[np.ix_(columns, columns)], gram[columns, 0]
     covariance = inverse_of(whole)
     sizes = (covariance @ right).reshape(-1, width)
-    along = np.kron(np.eye(len(steps)), np.linalg.svd(sizes)[2][0])
-    size, error = along @ sizes.ravel(), np.sqrt(np.diag(along @ covariance @ along.T))
-    turns, mean = np.sign(size), np.mean(np.abs(size))
-    common = np.kron(turns[:, None], np.eye(width))
-    apart, one = (m.T @ right @ inverse_of(m.T @ whole @ m) @ (m.T @ right) for m in (np.eye(columns.size), common))
-    alike = np.all(np.abs(np.abs(size) - mean) < SAME * mean + 2 * error) or np.all(turns[1:] != turns[:-1])
-    if not alike or apart - one - columns.size + width > SHADOW * one:
+    projection = np.kron(np.eye(len(steps)), np.linalg.svd(sizes)[2][0])
+    size, error = projection @ sizes.ravel(), np.sqrt(np.diag(projection @ covariance @ projection.T))
+    signs, mean = np.sign(size), np.mean(np.abs(size))
+    common = np.kron(signs[:, None], np.eye(width))
+    free, one = (m.T @ right @ inverse_of(m.T @ whole @ m) @ (m.T @ right) for m in (np.eye(columns.size), common))
+    equal = np.all(np.abs(np.abs(size) - mean) < SAME * mean + 2 * error) or np.all(signs[1:] != signs[:-1])
+    if not equal or free - one - columns.size + width > SHADOW * one:
         return problem, chosen
     parts = list(zip(*(problem.candidates[k].columns for k in steps), strict=True))
-    made = [sum(t * np.zeros(1) if c is None else t * c for t, c in zip(turns, row, strict=True)) for row in parts]
+    made = [sum(t * np.zeros(1) if c is None else t * c for t, c in zip(signs, row, strict=True)) for row in parts]
     made = [None if all(c is None for c in row) else m for row, m in zip(parts, made, strict=True)]
     touched = [block for block, m in zip(problem.blocks, made, strict=True) if m is not None]
-    begun = min(touched, key=lambda block: block.time.min())
-    span = np.array([epoch[steps[0]], epoch[steps[-1]]]) - begun.time.min()
+    earliest = min(touched, key=lambda block: block.time.min())
+    span = np.array([epoch[steps[0]], epoch[steps[-1]]]) - earliest.time.min()
     about = span, lambda _: made, span[None], span, span
     shape = Shape(("from", "to"), ("s", "s"), *about, covariance=np.zeros((2, 2)))
-    where = f"{span[0]:.0f} to {span[1]:.0f} s after {begun.label} begins"
+    where = f"{span[0]:.0f} to {span[1]:.0f} s after {earliest.label} begins"
     form = f"excess in the {touched[0].channel[0]} reading, {len(steps)} jumps between two levels, {where}"
     candidate = Candidate(trials.EXCESS, form, first.names, first.units, made, shape=shape)
     grown, index = extended(problem, candidate), len(problem.candidates)
@@ -502,11 +503,10 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
 
 
 def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
-    """Problem, names and adequacy with the power beyond noise that follows nothing.
+    """Problem, names and adequacy Test with up to EXCESSES excesses of power that follow no regressor named.
 
-    Names that pass no more beside it go, and lines in its band: they take some of the power of a chirp, or of a signal
-    that jumps at random. An excess that is small beside the names is what their form leaves, and gets none. Two levels
-    are looked for until they are found.
+    Names no longer significant with it are dropped, and lines in its band, parts of a chirp or a telegraph signal.
+    An excess much smaller than the names is what their form leaves and is not named. Two levels are sought until found.
     """
     jumps = None
     for _ in range(EXCESSES):
@@ -530,8 +530,8 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         rest = [k for k, _ in others]
         alone = {k: attribution.beside(grown, rest, k).log_p for k in (index, *(k for k, _ in lines))}
         gains = [attribution.beside(problem, [j for j in used if j != k], k).gain for k in used]
-        small = ratio.gain - ratio.dof < SHADOW * max(gains, default=0.0)
-        if small or min(alone, key=alone.get) != index:  # it is what a line leaves that is less likely by chance
+        minor = ratio.gain - ratio.dof < SHADOW * max(gains, default=0.0)
+        if minor or min(alone, key=alone.get) != index:  # it is what a line leaves that is less likely by chance
             if telegraph:  # two levels are not all there is: the place itself
                 continue
             break
@@ -546,7 +546,7 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
 
 
 def _given_way(problem, chosen, position, choice, least):
-    """Names with one replaced by the best significant cause in no list, if its score is above the least."""
+    """Names with that at a position replaced by the best significant driver in no list of score above least."""
     others = [k for i, (k, _) in enumerate(chosen) if i != position]
     rows = trials.tried(problem, baseline_of(problem, others), choice, others)
     rows = [t for t in rows if t.kind == "unknown" and t.significance < choice.level and t.score > least]
@@ -557,7 +557,7 @@ def _given_way(problem, chosen, position, choice, least):
 
 
 def _agreed(problem, others, index):
-    """Whether all blocks agree on the value of a cause."""
+    """True if all blocks agree on one value of candidate `index`, with others, indices, in the baseline."""
     baseline, place = baseline_of(problem, others), problem.places[index]
     extra, dof = attribution.disagreement(problem.gram, baseline, place, problem.size)
     gain = attribution.beside(problem, others, index).gain
