@@ -63,10 +63,10 @@ def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
 
 def beside(problem: Problem, others: Sequence[int], index: int) -> Ratio:
     """Likelihood ratio of candidate `index` with the others, candidates by index, in the baseline."""
-    own, baseline = np.r_[0, problem.places[index]], baseline_of(problem, others)
-    used = np.concatenate([own, baseline])
-    gram = projected(problem.total[np.ix_(used, used)], np.arange(own.size, used.size))
-    return ratio(gram, slice(1, own.size), problem.size[own])
+    columns, baseline = np.r_[0, problem.places[index]], baseline_of(problem, others)
+    used = np.concatenate([columns, baseline])
+    gram = projected(problem.total[np.ix_(used, used)], np.arange(columns.size, used.size))
+    return ratio(gram, slice(1, columns.size), problem.size[columns])
 
 
 def likely(at: np.ndarray, gain: np.ndarray, spacing: float) -> tuple[float, float]:
@@ -78,9 +78,9 @@ def likely(at: np.ndarray, gain: np.ndarray, spacing: float) -> tuple[float, flo
 
 def misfit(gram: np.ndarray, true: slice, value: np.ndarray, other: slice, size: np.ndarray) -> float:
     """Expected chi-square left when columns `true` act with value (q,) and columns `other` are fitted instead."""
-    whole = float(value @ gram[true, true] @ value)
+    power = float(value @ gram[true, true] @ value)
     part = spread(gram, other, size) @ (gram[other, true] @ value)
-    return whole - float(part @ part)
+    return power - float(part @ part)
 
 
 def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> float:
@@ -92,42 +92,42 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
     """
     used = np.concatenate([[0], baseline, index])
     grams = grams[:, used[:, None], used]
-    there = np.einsum("bqq->bq", grams) > 0
-    single = there.sum(axis=0) == 1
+    acting = np.einsum("bqq->bq", grams) > 0
+    single = acting.sum(axis=0) == 1
     single[[0, *range(1 + baseline.size, used.size)]] = False
     size = np.sqrt(np.einsum("bqq->q", grams)[~single])
-    grams = np.stack([projected(one, np.flatnonzero(own & single)) for one, own in zip(grams, there, strict=True)])
+    grams = np.stack([projected(one, np.flatnonzero(own & single)) for one, own in zip(grams, acting, strict=True)])
     grams = grams[:, ~single][:, :, ~single]
-    total, both, fixed = grams.sum(axis=0), np.arange(1, size.size), np.arange(1, size.size - index.size)
+    total, extended, fixed = grams.sum(axis=0), np.arange(1, size.size), np.arange(1, size.size - index.size)
 
     def one(block):  # of one Gram matrix (m, m)
         others = total - block
-        share, directions = _shares(block, others, both, size)
+        share, directions = _shares(block, others, extended, size)
         own = np.concatenate([np.zeros((1, np.sum(share < UNSEEN_SHARE))), directions[:, share < UNSEEN_SHARE]])
         crossed = block @ own
-        rest = block - crossed @ inverse_of(own.T @ crossed) @ crossed.T
-        return _foretold(rest, others, both, size) - _foretold(rest, others, fixed, size)
+        reduced = block - crossed @ inverse_of(own.T @ crossed) @ crossed.T
+        return _foretold(reduced, others, extended, size) - _foretold(reduced, others, fixed, size)
 
     return float(sum(one(block) for block in grams))
 
 
-def _shares(one, others, index, size):
+def _shares(block, others, index, size):
     """Share (k,) that others have of the information of one + others (m, m), along k independent directions (i, k)."""
-    whitening = root_of((one + others)[np.ix_(index, index)], 1e-9, size[index])
-    share, turned = np.linalg.eigh(whitening.T @ others[np.ix_(index, index)] @ whitening)
-    return np.clip(share, 0.0, 1.0), whitening @ turned
+    whitening = root_of((block + others)[np.ix_(index, index)], 1e-9, size[index])
+    share, rotated = np.linalg.eigh(whitening.T @ others[np.ix_(index, index)] @ whitening)
+    return np.clip(share, 0.0, 1.0), whitening @ rotated
 
 
-def _foretold(one, others, index, size):
+def _foretold(block, others, index, size):
     """Twice the log likelihood of one block predicted by the others, both Gram, beyond that of a prediction of zero.
 
     Along a direction in which the others have the share m of the information, block and others estimate
     b / (1 - m) and p, with the variances 1 / (1 - m) and 1 / m.
     """
-    share, directions = _shares(one, others, index, size)
+    share, directions = _shares(block, others, index, size)
     common = (share > UNSEEN_SHARE) & (share < 1 - 1e-9)
     m, directions = share[common], directions[:, common]
-    b, p = directions.T @ one[index, 0], directions.T @ others[index, 0] / m
+    b, p = directions.T @ block[index, 0], directions.T @ others[index, 0] / m
     return float(np.sum((b**2 - m * (b - (1 - m) * p) ** 2) / (1 - m) + np.log(m)))
 
 
@@ -170,13 +170,13 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
         if not candidate.listed or "alone" in candidate.form or candidate.local or not candidate.prior:
             continue
         prior = np.asarray(candidate.prior)
-        whole, remaining = (matrix[place, place] * np.outer(prior, prior) for matrix in (total, gram))
+        full, remaining = (matrix[place, place] * np.outer(prior, prior) for matrix in (total, gram))
         shift = (inverse @ total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
         values, vectors = np.linalg.eigh(remaining)
         for value, vector in zip(values, vectors.T, strict=True):
             bias = shift @ vector
-            left = value if value > ROUNDING * (vector @ whole @ vector) else 0.0
-            ratio, size = float(np.sqrt(left)), float(np.sqrt(bias @ precision @ bias))
+            information = value if value > ROUNDING * (vector @ full @ vector) else 0.0
+            ratio, size = float(np.sqrt(information)), float(np.sqrt(bias @ precision @ bias))
             if ratio < UNSEEN and size > BIAS:
                 shares = zip(candidate.names, vector.tolist(), strict=True)
                 direction = {n: round(v, 4) for n, v in shares if abs(v) > 0.05}
@@ -192,10 +192,10 @@ def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, t
     value = ratio(gram, true, problem.size).value
     fixed = np.concatenate([baseline, np.arange(place.start, place.stop)])
     signature = total[fixed][:, true] @ value
-    whole = np.zeros(total.shape[0])
-    whole[true] = value
-    whole[fixed] -= inverse_of(total[np.ix_(fixed, fixed)]) @ signature
-    parts = np.einsum("m,bmk,k->b", whole, problem.gram, whole)
+    combination = np.zeros(total.shape[0])
+    combination[true] = value
+    combination[fixed] -= inverse_of(total[np.ix_(fixed, fixed)]) @ signature
+    parts = np.einsum("m,bmk,k->b", combination, problem.gram, combination)
     expected = float(max(parts.sum(), 0.0))
     needed = int(np.ceil(tie / expected)) if expected > 1e-3 * tie else None
     best = problem.blocks[int(np.argmax(parts))].label if expected > 1e-6 else None

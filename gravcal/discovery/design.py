@@ -79,9 +79,9 @@ def _candidates(observed, causes):
     widest = {slug_of(one.cause): one for one in sorted(observed.candidates, key=lambda one: len(one.names))}
     for slug in causes:
         if slug not in widest or not len(widest[slug].prior):
-            known = ", ".join(sorted(name for name, one in widest.items() if len(one.prior)))
+            offered = ", ".join(sorted(name for name, one in widest.items() if len(one.prior)))
             refuse(
-                f"cause {slug}", f"that {observed.name} does not look for it", f"one of {known}", "Correct the name."
+                f"cause {slug}", f"that {observed.name} does not look for it", f"one of {offered}", "Correct the name."
             )
     return [widest[slug] for slug in causes]
 
@@ -161,8 +161,8 @@ def chosen(flight: Flown, count: int, allowed: np.ndarray, pairs=(), chi2: float
     """
 
     def loss(counts):  # log trace of the covariance and penalty of pairs
-        spread, apart = judged(flight, counts, pairs)
-        return np.log(np.trace(spread)) + short(apart, chi2)
+        spread, separations = judged(flight, counts, pairs)
+        return np.log(np.trace(spread)) + short(separations, chi2)
 
     def best(options):  # counts of least loss that are allowed and fit, None if none
         options = [one for one in options if np.all(one <= allowed)]

@@ -60,7 +60,7 @@ class Limits:
 def discover(observed: Observations | None, limits: Limits) -> xr.Dataset:
     """Dataset of kind discovery: residuals, adequacy and named causes of an event, the outcome as quantities."""
     if observed is None:
-        values = {name: [] for name, stated in DISCOVERY.items() if not stated.get("optional") and name not in SCHEMA}
+        values = {name: [] for name, spec in DISCOVERY.items() if not spec.get("optional") and name not in SCHEMA}
         return tabled(_dataset(values, channels="", blocks=""), {"status": "no_manoeuvre"})
     return _product(observed, limits, *_searched(observed, limits, ()))
 
@@ -103,16 +103,16 @@ def with_limits(search: xr.Dataset, observed: Observations | None, limits: Limit
     """Product of a search, with the detection limits of its event as quantities; `say` is called with progress."""
     if observed is None:
         return search
-    left = np.column_stack([search["residual_after"].values, search["found_columns"].values])
-    left = np.split(left, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
-    rows = detection_limits(observed, left, _choice(observed, limits), say)
+    parts = np.column_stack([search["residual_after"].values, search["found_columns"].values])
+    parts = np.split(parts, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
+    rows = detection_limits(observed, parts, _choice(observed, limits), say)
     return tabled(search, replace(outcome.outcome_of(search), limits=tuple(rows)))
 
 
 def _choice(observed, limits):
     """Choice, settings of the rounds, from the Observations of a calibration and the Limits."""
-    known = limits.level, limits.tie, limits.rounds, observed.step, observed.tones, limits.segment_s
-    return Choice(*known, observed.quiet, observed.noise_order, observed.spectra, observed.periods)
+    settings = limits.level, limits.tie, limits.rounds, observed.step, observed.tones, limits.segment_s
+    return Choice(*settings, observed.quiet, observed.noise_order, observed.spectra, observed.periods)
 
 
 def _searched(observed, limits, model, first=None):
@@ -159,9 +159,9 @@ def _told_apart(result, first):
 
 def _tied(finding, odds):
     """NamedCause, tied also with causes whose evidence {cause: log odds} is within TIED_ODDS of its own."""
-    own = odds.get(finding.cause, np.inf)
-    near = [c for c, other in odds.items() if c != finding.cause and other > max(own - np.log(TIED_ODDS), 0.0)]
-    return replace(finding, tied_with=[*dict.fromkeys([*finding.tied_with, *near])])
+    log_odds = odds.get(finding.cause, np.inf)
+    close = [c for c, other in odds.items() if c != finding.cause and other > max(log_odds - np.log(TIED_ODDS), 0.0)]
+    return replace(finding, tied_with=[*dict.fromkeys([*finding.tied_with, *close])])
 
 
 def _without_model(result, observed, findings):
@@ -193,17 +193,17 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     """
     state = begun(rows, observed.candidates, choice, random_source(seed, rows))
     result = concluded(state, replace(choice, excess=False))
-    each = replace(choice, level=choice.level / max(len(observed.lines), 1))
-    lines = [line for one in observed.lines for line in joint_lines(result, observed, one, each)]
+    split = replace(choice, level=choice.level / max(len(observed.lines), 1))
+    lines = [line for one in observed.lines for line in joint_lines(result, observed, one, split)]
     if result.findings:
         unnamed = replace(result, after=result.before, baseline=baseline_of(result.problem, ()))
-        stronger = [joint_lines(unnamed, observed, one, each, result.first[0].score) for one in observed.lines]
+        stronger = [joint_lines(unnamed, observed, one, split, result.first[0].score) for one in observed.lines]
         lines += [line for some in stronger for line in some if line.form not in {one.form for one in lines}]
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
     if lines or steps or result.after.excess_p < choice.excess_level:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
-        if more := [*near, *lines]:
-            state = begun(rows, [*observed.candidates, *more], choice, random_source(seed, rows), result.before)
+        if added := [*near, *lines]:
+            state = begun(rows, [*observed.candidates, *added], choice, random_source(seed, rows), result.before)
         result = concluded(state, choice)
     return result, {one.form for one in lines}
 
@@ -276,8 +276,8 @@ def _product(observed, limits, result, search_outcome):
     without, rows = [], observed_rows(result.problem)
     for one in result.findings:
         others = [other.index for other in result.findings if other is not one]
-        rest = residuals_of(result.problem, baseline_of(result.problem, others), rows)
-        without.append([part[:, 0] for part in rest])
+        residuals = residuals_of(result.problem, baseline_of(result.problem, others), rows)
+        without.append([part[:, 0] for part in residuals])
     columns = [part.of(result.baseline[result.problem.shared.stop - 1 :]) for part in result.problem.columns]
     channels = observed.readable or observed.channels
     ends = np.cumsum([len(result.problem.candidates[one.index].names) for one in result.findings])
@@ -311,17 +311,17 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
     peaks = np.flatnonzero((score > padded[:-2]) & (score > padded[2:]))  # a slow line has few cycles, others beside it
     times = [block.time[block.channel == search.channel] for block in observed.blocks]
     whole = [np.concatenate([t for t, g in zip(times, groups, strict=True) if g == group]) for group in set(groups)]
-    apart = 1 / (4 * max(np.ptp(one) for one in whole if one.size))
+    spacing = 1 / (4 * max(np.ptp(one) for one in whole if one.size))
 
     def counts(gain, dof):  # True if significant after correction for the frequencies tried
-        chance = chi2_tail.log_tail(gain, dof, choice.freedom) + np.log(at.size * step / (2 * apart * SHARES["line"]))
+        chance = chi2_tail.log_tail(gain, dof, choice.freedom) + np.log(at.size * step / (2 * spacing * SHARES["line"]))
         return chance < np.log(choice.level) and gain - COST * dof > least
 
     gained = lambda hertz: _gain(result, shape(hertz)[0], [time.size > 0 for time in times])  # noqa: E731
     for peak in at[peaks[np.argsort(-score[peaks])[:PEAKS]]]:
-        gain, dof, best = max((*gained(one), one) for one in np.arange(peak - step, peak + 1.01 * step, apart))
+        gain, dof, best = max((*gained(one), one) for one in np.arange(peak - step, peak + 1.01 * step, spacing))
         if counts(BETWEEN * gain, dof):
-            grid = best + apart * FINE
+            grid = best + spacing * FINE
             gains = [gained(one) for one in grid]
             if counts(*max(gains)):
                 kept.append(_line(grid, np.array([g for g, _ in gains]), shape, search))
@@ -332,8 +332,8 @@ def _gain(result, columns, here):
     """Chi-square gain and dof of columns [(n, q)], baseline free; 0, 1 if little is left in blocks here (b,)."""
     problem, baseline = result.problem, result.baseline
     clean = [c - q @ (q.T @ c) for c, q in zip(columns, problem.bases, strict=True)]
-    size, left = (sum(np.sum(c**2) for c in itertools.compress(part, here)) for part in (columns, clean))
-    if left <= LEFT * size:
+    size, remaining = (sum(np.sum(c**2) for c in itertools.compress(part, here)) for part in (columns, clean))
+    if remaining <= LEFT * size:
         return 0.0, 1
     cross = sum(b.of(baseline).T @ c for b, c in zip(problem.columns, clean, strict=True))
     inner = sum(c.T @ c for c in clean) - cross.T @ inverse_of_baseline(problem, baseline) @ cross
@@ -357,9 +357,9 @@ def _dataset(values, **attrs):
     """Dataset of {variable: values}, with dims, dtype and labels of the schema DISCOVERY."""
     arrays = {}
     for name in (name for name in DISCOVERY if name in values):
-        stated = DISCOVERY[name]
-        labels = {label: stated[label] for label in ("units", "long_name") if label in stated}
-        arrays[name] = (stated["dims"].split(), np.asarray(values[name], dtype=stated.get("dtype", "f8")), labels)
+        spec = DISCOVERY[name]
+        labels = {label: spec[label] for label in ("units", "long_name") if label in spec}
+        arrays[name] = (spec["dims"].split(), np.asarray(values[name], dtype=spec.get("dtype", "f8")), labels)
     return xr.Dataset(arrays, attrs={"time_scale": "GPS"} | attrs)
 
 
@@ -401,9 +401,9 @@ def summary(result: Result, choice: Choice, observed: Observations, waves=()) ->
     adequate = before.adequate(choice.level), after.adequate(choice.level)
     chances = before.p, after.p, before.quiet, after.quiet, choice.level
     findings = [_named(result, k, choice, observed, waves) for k in range(len(result.findings))]
-    left = _unexplained(after) if after.p < choice.level else outcome.Unexplained()
+    unexplained = _unexplained(after) if after.p < choice.level else outcome.Unexplained()
     moved = _change(result, observed), _gained(result)
-    named = result.outliers, findings, hidden, left, *moved, [*tried.values()], observed.expected
+    named = result.outliers, findings, hidden, unexplained, *moved, [*tried.values()], observed.expected
     return outcome.Outcome(*adequate, *chances, *named)
 
 
@@ -411,7 +411,7 @@ def _named(result: Result, position: int, choice: Choice, observed, waves) -> ou
     """NamedCause of the finding at a position, with its parameters as reported and as a model takes it out."""
     finding, (report, model) = result.findings[position], _entries(result, position, observed, waves)
     tied = dict.fromkeys(map(slug_of, [*finding.tied, *(one.cause for one in finding.imitators)]))
-    apart = {slug_of(one.cause): replace(one, cause=slug_of(one.cause)) for one in finding.separation}
+    separations = {slug_of(one.cause): replace(one, cause=slug_of(one.cause)) for one in finding.separation}
     entry = report.cause, report.form, report.parameters, model.waves or report.waves, model.leads or report.leads
     return outcome.NamedCause(
         *entry,
@@ -423,7 +423,7 @@ def _named(result: Result, position: int, choice: Choice, observed, waves) -> ou
         level=choice.level,
         heldout=finding.kind if observed.whole_manoeuvres or finding.cause == EXCESS else "blocks",
         heldout_gain=outcome.HeldoutGain(finding.heldout, finding.gain, finding.dof),
-        separation=[one for name, one in apart.items() if name != report.cause],
+        separation=[one for name, one in separations.items() if name != report.cause],
         imitators=finding.imitators,
     )
 
@@ -441,7 +441,7 @@ def _unexplained(after):
 def _change(result, observed):
     """Change of the calibration parameters by a search, in their reported unit."""
     scale, start, count = observed.scale, observed.start, observed.scale.size
-    (before, after), (old, new) = ([part[:count] for part in both] for both in (result.shared, result.sigma))
+    (before, after), (old, new) = ([part[:count] for part in pair] for pair in (result.shared, result.sigma))
     increase = (result.covariance[1] - result.covariance[0])[:count, :count]
     rows = [scale * row for row in (start + before, old, start + after, new, after - before)]
     rows += [(after - before) / np.where(old > 0, old, np.inf), np.outer(scale, scale) * increase]
@@ -458,11 +458,11 @@ def _gained(result):
     return outcome.Gain(before, after, result.dof, result.dof - extra, heldout, -before / 2, -after / 2, bic, *rms)
 
 
-def _rms(blocks, rest):
+def _rms(blocks, residuals):
     """{channel: rms} of the whitened residual over the rows that carry weight; one is the noise."""
     rms = {}
     for channel in dict.fromkeys(str(c) for b in blocks for c in b.channel):
-        values = np.concatenate([r[b.channel == channel] for b, r in zip(blocks, rest, strict=True)])
+        values = np.concatenate([r[b.channel == channel] for b, r in zip(blocks, residuals, strict=True)])
         values = values[values != 0]
         rms[channel] = float(np.sqrt(np.mean(values**2))) if values.size else np.nan
     return rms
@@ -484,10 +484,10 @@ def clearest(
     band.
     """
     places = []
-    for number, rest in enumerate(without):
+    for number, residuals in enumerate(without):
         drops = {}
         for k, block in enumerate(result.problem.blocks):
-            drop = rest[k] ** 2 - result.after.rest[k] ** 2
+            drop = residuals[k] ** 2 - result.after.rest[k] ** 2
             drop = drop if not acts or acts[number][k] else np.zeros_like(drop)
             for channel in (c for c in channels if np.sum(block.channel == c) >= CURVE):
                 size = np.bincount(block.axis, np.where(block.channel == channel, drop, 0.0))
@@ -500,9 +500,9 @@ def clearest(
     labels = {b.label: k for k, b in enumerate(result.problem.blocks)}
     for row in sorted(result.before.rows, key=lambda r: r.p):
         k = labels[row.block]
-        here = result.problem.blocks[k].channel == row.channel
-        if row.channel in channels and here.sum() >= CURVE:
-            size = np.bincount(result.problem.blocks[k].axis, np.where(here, result.before.rest[k] ** 2, 0.0))
+        rows_here = result.problem.blocks[k].channel == row.channel
+        if row.channel in channels and rows_here.sum() >= CURVE:
+            size = np.bincount(result.problem.blocks[k].axis, np.where(rows_here, result.before.rest[k] ** 2, 0.0))
             return [outcome.Shown(-1, row.channel, row.block, int(size.argmax()))]
     return []
 

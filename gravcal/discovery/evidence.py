@@ -59,16 +59,16 @@ def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dat
     """
     if observed is None or observed.shifted:
         return tabled(xr.Dataset({"gram": (("column", "other"), np.zeros((0, 0)))}), {})
-    every = [one for one in observed.candidates if one.listed and slug_of(one.cause) == one.cause]
-    every = [replace(one, prior=_prior(one)) for one in every if not one.form.endswith("alone")]
-    every = [one for one in every if len(one.prior) == len(one.names)]
-    problem, count = prepare(observed.blocks, every), len(observed.parameters)
+    listed = [one for one in observed.candidates if one.listed and slug_of(one.cause) == one.cause]
+    listed = [replace(one, prior=_prior(one)) for one in listed if not one.form.endswith("alone")]
+    listed = [one for one in listed if len(one.prior) == len(one.names)]
+    problem, count = prepare(observed.blocks, listed), len(observed.parameters)
     nuisance = np.arange(1 + count, problem.shared.stop)
     kept = np.setdiff1d(np.arange(problem.total.shape[0]), nuisance)
     gram = attribution.projected(problem.total, nuisance)[np.ix_(kept, kept)]
     time = np.concatenate([block.time for block in observed.blocks])
     measured = {"year": float(np.median(time)) / YEAR_S} | observed.circumstances
-    sized = [(one, [*map(float, one.prior)], observed.shared.get(one.cause, 0.0)) for one in every]
+    sized = [(one, [*map(float, one.prior)], observed.shared.get(one.cause, 0.0)) for one in listed]
     numbers = {
         "time": float(np.median(time)),
         "parameters": list(observed.parameters),
@@ -124,10 +124,10 @@ def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Even
     events = []
     for numbers, product, name in read:
         place, index, causes = 1 + len(numbers["start"]), [*range(1 + len(numbers["start"]))], []
-        for slug, form, names, units, prior, alike in numbers["causes"]:
+        for slug, form, names, units, prior, shared_error in numbers["causes"]:
             if (slug, form, *names) in shared:
                 index += range(place, place + len(names))
-                causes.append(Cause(slug, form, names, units, np.array(prior), alike))
+                causes.append(Cause(slug, form, names, units, np.array(prior), shared_error))
             place += len(names)
         order = np.array(index)
         start, gram = np.array(numbers["start"]), product["gram"].values[np.ix_(order, order)]

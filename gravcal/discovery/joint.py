@@ -133,8 +133,8 @@ class Search:
     def beside(self, laws: Sequence[Law], *causes: int) -> list[Law]:
         """Laws and, of scope SHARED, the stated common error of each cause that is in neither laws nor causes."""
         laws = [law for law in laws if law.scope != SHARED]
-        known = {self.slugs[k] for k in (*causes, *(law.cause for law in laws))}
-        errors = [k for k, one in enumerate(self.causes) if one.shared and one.slug not in known]
+        included = {self.slugs[k] for k in (*causes, *(law.cause for law in laws))}
+        errors = [k for k, one in enumerate(self.causes) if one.shared and one.slug not in included]
         return laws + [replace(self.constant(k), scope=SHARED) for k in errors]
 
     def laws(self, cause: int) -> list[Law]:
@@ -228,15 +228,15 @@ class Search:
         total = (pairs @ inner.reshape(events, -1)).reshape(count, sets, sets, prior.size, prior.size)
         total = total.transpose(0, 1, 3, 2, 4).reshape(count, width, width)
         gram = total - np.swapaxes(crossed[:, 1:], 1, 2) @ inverse @ crossed[:, 1:]
-        rest = crossed[:, 0] - right @ crossed[:, 1:]
+        products = crossed[:, 0] - right @ crossed[:, 1:]
         size = np.sqrt(np.einsum("lnm,nq->lmq", weights**2, squares)).reshape(count, width)
         size = np.where(size > 0, size, 1.0)
         known, vectors = np.linalg.eigh(gram / (size[:, :, None] * size[:, None, :]))
-        observable, part = known > attribution.SEEN**2, np.einsum("lab,la->lb", vectors, rest / size)
+        observable, part = known > attribution.SEEN**2, np.einsum("lab,la->lb", vectors, products / size)
         gain = np.sum(np.where(observable, part**2 / np.where(observable, known, 1.0), 0.0), axis=1)
         prior = np.tile(prior, sets)
         known, vectors = np.linalg.eigh(gram * np.outer(prior, prior))
-        known, part = np.maximum(known, 0.0)[:, None], np.einsum("lab,la->lb", vectors, prior * rest)[:, None]
+        known, part = np.maximum(known, 0.0)[:, None], np.einsum("lab,la->lb", vectors, prior * products)[:, None]
         square = SIZES[:, None] ** 2
         widened = 1 + square * known
         return gain, observable.sum(axis=1), np.sum(square * part**2 / widened - np.log(widened), axis=2)
@@ -259,8 +259,8 @@ class Search:
         place, prior = self.places[cause], self.causes[cause].prior
         gram = self.products([*beside, self.constant(cause)], self._less_shared(cause, beside))[0]
         last, roots = np.arange(gram.shape[1] - place.size, gram.shape[1]), []
-        for one, whole, event in zip(gram, self.grams, self.events, strict=True):
-            roots.append(attribution.spread(whole, place, event.size[self.kept]) @ one[last])
+        for one, event_gram, event in zip(gram, self.grams, self.events, strict=True):
+            roots.append(attribution.spread(event_gram, place, event.size[self.kept]) @ one[last])
 
         def left(grams):  # chi-square after the fit of the laws beside
             total = grams.sum(axis=0)[: last[0], : last[0]]
@@ -304,12 +304,12 @@ class Search:
         named, chance = [], {}  # (law, size over its prior), {cause: (p-value, gain, dof, score)}
         for _ in range(self.rounds):
             beside = [law for law, _ in named if law.scope != "each"]
-            known = {self.slugs[law.cause] for law, _ in named}
-            rows = {k: self.best(k, beside) for k, slug in enumerate(self.slugs) if slug not in known}
+            done = {self.slugs[law.cause] for law, _ in named}
+            rows = {k: self.best(k, beside) for k, slug in enumerate(self.slugs) if slug not in done}
             tried = sum(map(len, rows.values()))
-            every = [row for some in rows.values() for row in some if row[1]]
-            log_p = chi2_tail.log_tail([r[0] for r in every], [r[1] for r in every]) + np.log(max(tried, 1))
-            passed = [(row, p) for row, p in zip(every, log_p, strict=True) if p < np.log(self.level) and row[2] > 0]
+            tested = [row for some in rows.values() for row in some if row[1]]
+            log_p = chi2_tail.log_tail([r[0] for r in tested], [r[1] for r in tested]) + np.log(max(tried, 1))
+            passed = [(row, p) for row, p in zip(tested, log_p, strict=True) if p < np.log(self.level) and row[2] > 0]
             if not passed:
                 break
             row, p = max(passed, key=lambda one: one[0][2])
@@ -323,9 +323,9 @@ class Search:
     def _settled(self, named):
         """Named (law, size), in place, with the law of each chosen again while all others are fitted."""
         for k, (law, _) in enumerate(named):
-            rest = [one for j, one in enumerate(named) if j != k]
-            self.grams = self.projected(rest)
-            row = max(self.best(law.cause, [one for one, _ in rest if one.scope != "each"]), key=lambda r: r[2])
+            others = [one for j, one in enumerate(named) if j != k]
+            self.grams = self.projected(others)
+            row = max(self.best(law.cause, [one for one, _ in others if one.scope != "each"]), key=lambda r: r[2])
             named[k] = row[4], row[3]
         return named
 
@@ -339,8 +339,8 @@ class Search:
             if self.judged([law], others)[0][2] <= 0:
                 scales = [size for one, size in zip(joint, scales, strict=True) if one is not law]
                 joint, named = others, [row for row in named if row[0].cause != law.cause]
-        every = self.beside(joint)
-        value, covariance = self._values(every, [*scales, *[np.inf] * (len(every) - len(joint))])
+        with_errors = self.beside(joint)
+        value, covariance = self._values(with_errors, [*scales, *[np.inf] * (len(with_errors) - len(joint))])
         ends, findings = np.cumsum([0, *(law.weights.shape[1] * self.places[law.cause].size for law in joint)]), []
         order = {law.cause: k for k, law in enumerate(joint)}
         for law, _size in named:
@@ -357,7 +357,7 @@ class Search:
             apart = self._apart(law.cause, others, [row for row in named if row[0].cause != law.cause])
             one = Named(mine, gain, dof, chance[law.cause][0], score, heldout, size, error, apart=apart)
             findings.append(replace(one, ties=self._ties(one, others)) if k is not None else one)
-        offset, spread = self._offsets(every, value, covariance, named)
+        offset, spread = self._offsets(with_errors, value, covariance, named)
         covariance = covariance[: ends[-1], : ends[-1]]
         alone = self._offsets([], np.zeros(0), np.zeros((0, 0)), ())
         error = np.sqrt(np.einsum("ipip->ip", alone[1]))
@@ -388,9 +388,9 @@ class Search:
         value = inverse_of(total[1:, 1:]) @ total[1:, 0]
         values, gain, dof = np.full((len(grams), last.stop - last.start, 2), np.nan), 0.0, 0
         for gram, row in zip(grams, values, strict=True):
-            rest = gram.copy()
-            rest[:, 0] -= gram[:, fixed] @ value[: fixed.size]
-            ratio = attribution.ratio(rest, last, size)
+            reduced = gram.copy()
+            reduced[:, 0] -= gram[:, fixed] @ value[: fixed.size]
+            ratio = attribution.ratio(reduced, last, size)
             sigma = np.sqrt(np.diag(ratio.covariance))
             row[ratio.determined] = np.stack([ratio.value, sigma], axis=1)[ratio.determined]
             difference = ratio.value - value[fixed.size :]
@@ -400,13 +400,13 @@ class Search:
 
     def foretold(self, laws: Sequence[Law], out: Sequence[str] = ()) -> list[tuple[float, int, float]]:
         """[(chi2, dof, log p)] of each event against the values that the others predict, without events `out`."""
-        made, prior, size = self.products(laws)
+        grams, prior, size = self.products(laws)
         used, misfits, width = [one.name not in out for one in self.events], [], 1e2 * prior[1:]
-        total = made[used].sum(axis=0)
-        for one, included in zip(made, used, strict=True):
-            normal, rest = one[1:, 1:], total - one * included
-            inverse = np.linalg.inv(rest[1:, 1:] + np.diag(1 / width**2))
-            deviation = one[1:, 0] - normal @ (inverse @ rest[1:, 0])
+        total = grams[used].sum(axis=0)
+        for one, included in zip(grams, used, strict=True):
+            normal, others = one[1:, 1:], total - one * included
+            inverse = np.linalg.inv(others[1:, 1:] + np.diag(1 / width**2))
+            deviation = one[1:, 0] - normal @ (inverse @ others[1:, 0])
             variance = normal + normal @ inverse @ normal
             root = root_of(variance, lambda values: 1e-8 * max(values.max(initial=0.0), 1e-300), size[1:])
             chi2, dof = float(np.sum((root.T @ deviation) ** 2)), root.shape[1]
@@ -441,9 +441,9 @@ class Search:
 
     def _ties(self, one: Named, others):
         """[Tie] of a named cause with the others that are not clearly different, least expected chi-square first."""
-        ties, known = [], {self.slugs[law.cause] for law in (*others, one.law) if law.scope != SHARED}
+        ties, excluded = [], {self.slugs[law.cause] for law in (*others, one.law) if law.scope != SHARED}
         for k, cause in enumerate(self.causes):
-            if cause.slug in known:
+            if cause.slug in excluded:
                 continue
             swapped, fixed = replace(one.law, cause=k), [law for law in others if self.slugs[law.cause] != cause.slug]
             gram, _, size = self.products([*fixed, one.law, swapped])
@@ -474,13 +474,13 @@ class Search:
 
     def _offsets(self, laws, value, covariance, named):
         """Parameters (n, p) of the calibration in each event beside values (r,) of laws, covariance (n, p, n, p)."""
-        count, own = self.count, np.arange(1, 1 + self.count)
+        count, parameters = self.count, np.arange(1, 1 + self.count)
         index, weight, _ = self.columns(laws)
         offset, sensitivity, noise = [], [], []
         for k, gram in enumerate(self.local(named)):
-            noise.append(inverse_of(gram[np.ix_(own, own)]))
-            sensitivity.append(noise[-1] @ (gram[np.ix_(own, count + index[1:])] * weight[k, 1:]))
-            offset.append(self.events[k].start + noise[-1] @ gram[own, 0] - sensitivity[-1] @ value)
+            noise.append(inverse_of(gram[np.ix_(parameters, parameters)]))
+            sensitivity.append(noise[-1] @ (gram[np.ix_(parameters, count + index[1:])] * weight[k, 1:]))
+            offset.append(self.events[k].start + noise[-1] @ gram[parameters, 0] - sensitivity[-1] @ value)
         sensitivity = np.stack(sensitivity)
         spread = np.einsum("ipr,rs,jqs->ipjq", sensitivity, covariance, sensitivity)
         for k, one in enumerate(noise):

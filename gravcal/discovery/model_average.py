@@ -41,7 +41,7 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
     sure = [one.cause.partition(":")[0] != "unknown" and one.cause not in tones for one in names]
     adopted = [one.cause != trials.EXCESS for one in names]  # which no model takes out
     value, covariance = _averaged(result, adopted)
-    whole, least = (_averaged(result, used) for used in ([True] * len(names), sure))
+    full, least = (_averaged(result, used) for used in ([True] * len(names), sure))
     if np.any(np.abs(value - least[0])[:count] > result.sigma[0][:count]):
         adopted, (value, covariance) = sure, least
     if not any(adopted):  # of a search in records that a first one has changed that is not what these rows give
@@ -50,14 +50,14 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
     foretold = all(one.heldout > 0 and one.kind == "manoeuvres" for one in kept)
     move = (value - before)[:count]
     chance = chi2_tail.log_tail(move @ inverse_of(covariance[:count, :count]) @ move, count) if count else 0.0
-    alike = any(one.tied or one.imitators for one in kept)
-    wide = alike and np.any(np.sqrt(np.diag(covariance)) > WIDE * result.sigma[0]) and chance > np.log(SAME)
+    ambiguous = any(one.tied or one.imitators for one in kept)
+    wide = ambiguous and np.any(np.sqrt(np.diag(covariance)) > WIDE * result.sigma[0]) and chance > np.log(SAME)
     if wide or not (result.after.p >= choice.level or (foretold and chance > np.log(FAR))):
         adopted, kept, value = [False] * len(names), [], before
-    away = left_open(value - before, covariance, result.sigma[0])
-    value, covariance = value - away, covariance + np.outer(away, away)
+    open_part = left_open(value - before, covariance, result.sigma[0])
+    value, covariance = value - open_part, covariance + np.outer(open_part, open_part)
     if not all(adopted):
-        covariance = covariance + np.outer(whole[0] - value, whole[0] - value)
+        covariance = covariance + np.outer(full[0] - value, full[0] - value)
     if not names and result.before.p < choice.level:
         tried = {one.index for one in result.first if one.index >= 0 and result.problem.candidates[one.index].prior}
         covariance = covariance + _over_forms(result.problem, [], tried, (-1, value))[1]
@@ -87,18 +87,18 @@ def left_open(move: np.ndarray, covariance: np.ndarray, sigma: np.ndarray) -> np
     A parameter is left open if its error grows beyond twice that before, sigma (p,), and its move is within it. It
     keeps its value, one after the other, and the rest have theirs beside it (Gaussian conditional mean).
     """
-    kept, rest, conditional = [], move, covariance
+    kept, remainder, conditional = [], move, covariance
     while True:
         error = np.sqrt(np.maximum(np.diag(conditional), 1e-300))
-        chance = chi2_tail.log_tail(np.square(rest / error), np.ones(move.size))
-        wide = (np.sqrt(np.diag(covariance)) > WIDE * sigma) & (chance > np.log(SAME)) & (rest != 0)
+        chance = chi2_tail.log_tail(np.square(remainder / error), np.ones(move.size))
+        wide = (np.sqrt(np.diag(covariance)) > WIDE * sigma) & (chance > np.log(SAME)) & (remainder != 0)
         wide[kept] = False
         if not wide.any():
-            return move - rest
+            return move - remainder
         kept.append(int(np.argmax(np.where(wide, chance, -np.inf))))
         share = covariance[:, kept] @ inverse_of(covariance[np.ix_(kept, kept)])
-        rest, conditional = move - share @ move[kept], covariance - share @ covariance[kept]
-        rest[kept] = 0.0
+        remainder, conditional = move - share @ move[kept], covariance - share @ covariance[kept]
+        remainder[kept] = 0.0
 
 
 def _averaged(result, used):
@@ -114,7 +114,7 @@ def _averaged(result, used):
         covariance = covariance + moved[:width] @ inverse_of(sum(one.T @ one for one in residuals)) @ moved[:width].T
     for position, one in enumerate(itertools.compress(result.findings, used)):
         others = [*named[:position], *named[position + 1 :]]
-        causes, forms = {one.cause, *one.tied}, {(own.cause, own.form) for own in one.imitators}
+        causes, forms = {one.cause, *one.tied}, {(imitator.cause, imitator.form) for imitator in one.imitators}
         equal = {k for k, c in enumerate(problem.candidates) if c.cause in causes or (c.cause, c.form) in forms}
         tried = {named[position]} | (equal - {*others})  # forms of it and of listed causes tied with it, imitators
         mean, spread = _over_forms(problem, others, tried, (named[position], fitted))
@@ -152,8 +152,8 @@ def _over_forms(problem, others, tried, about):
 def _odds(problem, index):
     """Twice the log prior odds of a candidate: the share of the level of its kind over the number of that kind."""
     listed = problem.candidates[index].listed
-    alike = sum(one.listed == listed for one in problem.candidates)
-    return 2 * np.log(trials.SHARES["listed" if listed else "unknown"] / alike)
+    number = sum(one.listed == listed for one in problem.candidates)
+    return 2 * np.log(trials.SHARES["listed" if listed else "unknown"] / number)
 
 
 def _evidence(problem, gram, index):
@@ -165,9 +165,9 @@ def _evidence(problem, gram, index):
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
     if prior.size == place.stop - place.start:
-        known, vectors, real = _directions(problem, gram, place, prior)
-        known, right = known[real], ((vectors.T @ (prior * gram[place, 0])) ** 2)[real]
-        widened = 1 + np.outer(BEYOND**2, known)
+        information, vectors, real = _directions(problem, gram, place, prior)
+        information, right = information[real], ((vectors.T @ (prior * gram[place, 0])) ** 2)[real]
+        widened = 1 + np.outer(BEYOND**2, information)
         score = np.sum(BEYOND[:, None] ** 2 * right / widened - np.log(widened), axis=1) + 2 * np.log(ODDS)
         return float(2 * np.logaddexp.reduce(score / 2)), float(BEYOND[np.argmax(score)])
     gain, dof, _ = attribution.gained(gram, place, problem.size)
@@ -237,18 +237,18 @@ def _with(problem, baseline, index, size):
     if len(prior) != place.stop - place.start:
         return inverse_of_baseline(problem, fixed) @ problem.total[fixed, 0]
     gram = attribution.projected(problem.total, baseline)
-    known, vectors, real = _directions(problem, gram, place, prior)
+    information, vectors, real = _directions(problem, gram, place, prior)
     vectors = prior[:, None] * vectors[:, real]
-    value = vectors @ ((vectors.T @ gram[place, 0]) / (1 + known[real]))
+    value = vectors @ ((vectors.T @ gram[place, 0]) / (1 + information[real]))
     right = problem.total[baseline, 0] - problem.total[np.ix_(baseline, fixed[baseline.size :])] @ value
     return inverse_of_baseline(problem, baseline) @ right
 
 
 def _directions(problem, gram, place, prior, least=SEEN**2):
     """Information (q,) along directions (q, q) of a candidate over its prior; True (q,) if over `least` is left."""
-    whole, left = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
-    known, vectors = np.linalg.eigh(left)
-    return known, vectors, known > least * np.einsum("qk,qr,rk->k", vectors, whole, vectors)
+    full, remaining = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
+    information, vectors = np.linalg.eigh(remaining)
+    return information, vectors, information > least * np.einsum("qk,qr,rk->k", vectors, full, vectors)
 
 
 def named_parameters(result: Result, position: int) -> dict[str, Parameter]:
@@ -278,9 +278,9 @@ def named_parameters(result: Result, position: int) -> dict[str, Parameter]:
 
 def _held(normal, right, prior):
     """Value (q,), covariance (q, q) of normal equations, directions under CLEAR sigma held if the prior knows more."""
-    known, vectors = np.linalg.eigh(normal * np.outer(prior, prior))  # information in units of that of the prior
-    score = (vectors.T @ (prior * right)) / np.sqrt(np.maximum(known, 1e-300))
-    weight = np.maximum(known + ((known < 1) & (np.abs(score) < CLEAR)), 1e-300)
+    information, vectors = np.linalg.eigh(normal * np.outer(prior, prior))  # information in units of that of the prior
+    score = (vectors.T @ (prior * right)) / np.sqrt(np.maximum(information, 1e-300))
+    weight = np.maximum(information + ((information < 1) & (np.abs(score) < CLEAR)), 1e-300)
     directions = prior[:, None] * vectors
     covariance = (directions / weight) @ directions.T
     return covariance @ right, covariance

@@ -214,8 +214,8 @@ def extended(problem: Problem, candidate: Candidate) -> Problem:
         squares.append(np.einsum("nm,nm->m", new, new))
         without_rounding(wider, np.append(np.zeros(place.start), squares[-1]))
     size = np.append(problem.size, _size(gram[:, place, place], squares))
-    more = {"candidates": [*problem.candidates, candidate], "places": [*problem.places, place]}
-    return replace(problem, columns=columns, gram=gram, size=size, **more)
+    lists = {"candidates": [*problem.candidates, candidate], "places": [*problem.places, place]}
+    return replace(problem, columns=columns, gram=gram, size=size, **lists)
 
 
 def halves(problem: Problem, index: int, segment_s: float, wanted: np.ndarray) -> np.ndarray:
@@ -324,12 +324,12 @@ def drawn_noise(
 
 def _whitened(blocks, rows, place, order):
     """Whiten in place all draws of a place (channel, axis), each by an AR model fitted to all its blocks together."""
-    here = [weighted_rows(b) & (b.channel == place[0]) & (b.axis == place[1]) for b in blocks]
-    here = [(row, at) for row, at in zip(rows, here, strict=True) if at.any()]
-    for draw in range(rows[0].shape[1] if here else 0):
-        pieces = [row[at, draw].astype(float) for row, at in here]
+    picked = [weighted_rows(b) & (b.channel == place[0]) & (b.axis == place[1]) for b in blocks]
+    picked = [(row, at) for row, at in zip(rows, picked, strict=True) if at.any()]
+    for draw in range(rows[0].shape[1] if picked else 0):
+        pieces = [row[at, draw].astype(float) for row, at in picked]
         model = fit_noise(pieces, order, 1.0)
-        for (row, at), piece in zip(here, pieces, strict=True):
+        for (row, at), piece in zip(picked, pieces, strict=True):
             row[at, draw] = whiten(model, piece, np.ones(piece.size, dtype=bool))
 
 

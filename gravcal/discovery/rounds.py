@@ -123,9 +123,9 @@ def concluded(state: tuple, choice: Choice) -> Result:
     """Result of a search from its state as of `begun`, excess power named if choice.excess."""
     problem, outliers, noise, before, chosen, first, after = state
     if choice.excess:
-        known = len(chosen)
+        number = len(chosen)
         problem, chosen = jumping(problem, chosen, choice)
-        if len(chosen) < known:
+        if len(chosen) < number:
             after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
         problem, chosen, after = with_excess(problem, chosen, choice, noise, after)
     baseline = baseline_of(problem, [k for k, _ in chosen])
@@ -195,8 +195,8 @@ def _best(problem, used, rows, choice):
 
 def _possible(candidate, ratio):
     """True if the fitted size of a listed cause is meaningful: no parameter is CLEAR sigma below its lower bound."""
-    known = catalogue().get(slug_of(candidate.cause))
-    lower = {one.name: one.lower for one in known.parameters} if known else {}
+    effect = catalogue().get(slug_of(candidate.cause))
+    lower = {one.name: one.lower for one in effect.parameters} if effect else {}
     least = [lower.get(name, -np.inf) for name in candidate.names]
     return bool(np.all(ratio.value + CLEAR * np.sqrt(np.diag(ratio.covariance)) > least))
 
@@ -212,22 +212,22 @@ def _with_noise_error(problem, used, index, trial, value, choice):
 
 def _times(trial):
     """Natural log of the number of trials by which a trial's p-value was corrected, MANY if that is not known."""
-    known = trial.significance > 0 and np.isfinite(trial.log_p)
-    return np.log(trial.significance) - trial.log_p if known else MANY
+    valid = trial.significance > 0 and np.isfinite(trial.log_p)
+    return np.log(trial.significance) - trial.log_p if valid else MANY
 
 
 def _ranked(problem, used, rows, choice):
     """Trials best first; catalogue causes before drivers in no list unless clearly worse, time as driver last."""
     rows, tie = sorted(rows, key=lambda t: -t.score), choice.tie
     if rows and rows[0].cause == TIME:  # what was measured says why, time says when
-        near = [t for t in rows if t.score > rows[0].score - tie / 2 and t.cause != TIME and t.kind == "unknown"]
-        rows = [*near, *(t for t in rows if t not in near)]
+        rivals = [t for t in rows if t.score > rows[0].score - tie / 2 and t.cause != TIME and t.kind == "unknown"]
+        rows = [*rivals, *(t for t in rows if t not in rivals)]
     listed = [t for t in rows if not t.cause.startswith("unknown:")]
-    near = [t for t in listed if t.score > rows[0].score - tie]
-    if not near:
+    rivals = [t for t in listed if t.score > rows[0].score - tie]
+    if not rivals:
         return rows
-    close = near[0].score > rows[0].score - tie / 2
-    if close or any(_stands(problem, used, t, rows[0], choice) for t in near):
+    close = rivals[0].score > rows[0].score - tie / 2
+    if close or any(_stands(problem, used, t, rows[0], choice) for t in rivals):
         return listed + [t for t in rows if t.cause.startswith("unknown:")]
     return rows
 
@@ -291,15 +291,15 @@ def _finding(problem, chosen, position, choice):
     near = _near(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
     near = {n: one for n, one in near.items() if not _needless(problem, others, index, one[1], choice)}
     tied = {cause: k for cause, (_, k) in near.items() if problem.candidates[k].listed}
-    apart = [attribution.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
+    separations = [attribution.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
     wide = [_widest(problem, k) if "," in problem.candidates[k].form else k for k in others]  # with what was left out
-    whole = attribution.beside(problem, wide, _widest(problem, index))  # NaN where the data determine no parameter
-    known, entry = np.where(whole.determined, 1.0, np.nan), problem.candidates[_widest(problem, index)]
-    spread = whole.covariance if entry.spread is None else whole.covariance + entry.spread
-    value, sigma = whole.value * known, np.sqrt(np.diag(spread)) * known
-    alike = _as_good(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
-    alike = {n: one for n, one in alike.items() if not _needless(problem, others, index, one[1], choice)} | near
-    rows = [(expected, problem.candidates[k]) for expected, k in sorted(alike.values())]
+    refit = attribution.beside(problem, wide, _widest(problem, index))  # NaN where the data determine no parameter
+    determined, entry = np.where(refit.determined, 1.0, np.nan), problem.candidates[_widest(problem, index)]
+    spread = refit.covariance if entry.spread is None else refit.covariance + entry.spread
+    value, sigma = refit.value * determined, np.sqrt(np.diag(spread)) * determined
+    as_good = _as_good(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
+    as_good = {n: one for n, one in as_good.items() if not _needless(problem, others, index, one[1], choice)} | near
+    rows = [(expected, problem.candidates[k]) for expected, k in sorted(as_good.values())]
     drivers = [Imitator(c.cause, c.form, max(float(e), 0.0)) for e, c in rows if not c.listed]
     where = trial if np.isfinite(trial.at) else candidate  # that was made of the trial that located it
     return Finding(
@@ -318,7 +318,7 @@ def _finding(problem, chosen, position, choice):
         kind=kind,
         at=where.at,
         at_sigma=where.at_sigma,
-        separation=apart,
+        separation=separations,
         imitators=drivers,
     )
 
@@ -386,16 +386,16 @@ MANY = 10.0  # log of what a probability that is zero to rounding was corrected 
 def merged(problem: Problem, chosen: list, choice) -> list:
     """Names [(index, Trial)] with several forms of a listed cause replaced by its best form with all parameters."""
     causes = [problem.candidates[k].cause for k, _ in chosen]
-    apart = {c.cause for c in problem.candidates if c.apart}
-    twice = next((c for c in causes if causes.count(c) > 1 and c not in apart and not c.startswith("unknown:")), None)
+    several = {c.cause for c in problem.candidates if c.apart}
+    twice = next((c for c in causes if causes.count(c) > 1 and c not in several and not c.startswith("unknown:")), None)
     wide = [k for k, c in enumerate(problem.candidates) if c.cause == twice and not c.local]
     if twice is None or not wide:
         return chosen
     most = max(len(problem.candidates[k].names) for k in wide)
-    whole = {k for k in wide if len(problem.candidates[k].names) == most}
+    widest = {k for k in wide if len(problem.candidates[k].names) == most}
     kept = [one for one, cause in zip(chosen, causes, strict=True) if cause != twice]
     rows = trials.tried(problem, baseline_of(problem, [k for k, _ in kept]), choice, [k for k, _ in kept])
-    best = max((t for t in rows if t.index in whole), key=lambda t: t.gain, default=None)
+    best = max((t for t in rows if t.index in widest), key=lambda t: t.gain, default=None)
     return [*kept, (best.index, best)] if best else chosen
 
 
@@ -434,8 +434,8 @@ def pruned(problem: Problem, chosen: list) -> list:
         if joint.min() > CANCELLED:
             break
         pair = np.unravel_index(np.argmin(joint), joint.shape)
-        rest = np.delete(indices, pair)
-        gains = [(attribution.beside(problem, rest, indices[one]).gain, one) for one in pair]
+        others = np.delete(indices, pair)
+        gains = [(attribution.beside(problem, others, indices[one]).gain, one) for one in pair]
         chosen = [one for k, one in enumerate(chosen) if k != min(gains)[1]]
     return chosen
 
@@ -470,17 +470,17 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
     steps, first = sorted(epoch, key=epoch.get), candidates[0][1]
     width = len(first.names)
     others = [one for one in chosen if one[0] not in epoch]
-    rest = [k for k, _ in others]
-    gram = attribution.projected(problem.total, baseline_of(problem, rest))
+    indices = [k for k, _ in others]
+    gram = attribution.projected(problem.total, baseline_of(problem, indices))
     columns = np.concatenate([np.arange(problem.places[k].start, problem.places[k].stop) for k in steps])
-    whole, right = gram[np.ix_(columns, columns)], gram[columns, 0]
-    covariance = inverse_of(whole)
+    normal, right = gram[np.ix_(columns, columns)], gram[columns, 0]
+    covariance = inverse_of(normal)
     sizes = (covariance @ right).reshape(-1, width)
     projection = np.kron(np.eye(len(steps)), np.linalg.svd(sizes)[2][0])
     size, error = projection @ sizes.ravel(), np.sqrt(np.diag(projection @ covariance @ projection.T))
     signs, mean = np.sign(size), np.mean(np.abs(size))
     common = np.kron(signs[:, None], np.eye(width))
-    free, one = (m.T @ right @ inverse_of(m.T @ whole @ m) @ (m.T @ right) for m in (np.eye(columns.size), common))
+    free, one = (m.T @ right @ inverse_of(m.T @ normal @ m) @ (m.T @ right) for m in (np.eye(columns.size), common))
     equal = np.all(np.abs(np.abs(size) - mean) < SAME * mean + 2 * error) or np.all(signs[1:] != signs[:-1])
     if not equal or free - one - columns.size + width > SHADOW * one:
         return problem, chosen
@@ -496,7 +496,7 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
     form = f"excess in the {touched[0].channel[0]} reading, {len(steps)} jumps between two levels, {where}"
     candidate = Candidate(trials.EXCESS, form, first.names, first.units, made, shape=shape)
     grown, index = extended(problem, candidate), len(problem.candidates)
-    ratio = attribution.beside(grown, rest, index)
+    ratio = attribution.beside(grown, indices, index)
     worst = max(trial.significance for k, trial in chosen if k in epoch)
     trial = trials.Trial("excess", trials.EXCESS, form, index, ratio.gain, ratio.dof, ratio.log_p, worst)
     return grown, [*others, (index, trial)]
@@ -527,8 +527,8 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         lines = [one for one in chosen if one[1].kind == "line" and one[1].channel == after.excess.channel]
         lines = [one for one in lines if low <= one[1].at <= high]
         others = [one for one in chosen if one not in lines]
-        rest = [k for k, _ in others]
-        alone = {k: attribution.beside(grown, rest, k).log_p for k in (index, *(k for k, _ in lines))}
+        indices = [k for k, _ in others]
+        alone = {k: attribution.beside(grown, indices, k).log_p for k in (index, *(k for k, _ in lines))}
         gains = [attribution.beside(problem, [j for j in used if j != k], k).gain for k in used]
         minor = ratio.gain - ratio.dof < SHADOW * max(gains, default=0.0)
         if minor or min(alone, key=alone.get) != index:  # it is what a line leaves that is less likely by chance

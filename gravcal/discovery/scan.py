@@ -42,8 +42,8 @@ def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Sca
                 shapes = np.concatenate(list(block.steps.values()), axis=1)
                 rows = np.flatnonzero(np.any(shapes != 0, axis=1))
                 shapes = shapes[rows]
-                both = _grouped(shapes, count), _grouped(problem.bases[i][rows].T @ shapes, count)
-                gram, inside = (one.transpose(0, 2, 1) @ one for one in both)
+                groups = _grouped(shapes, count), _grouped(problem.bases[i][rows].T @ shapes, count)
+                gram, inside = (one.transpose(0, 2, 1) @ one for one in groups)
                 problem.memory[key] = rows, shapes, gram - inside
             rows, shapes, gram = problem.memory[key]
             cross = problem.columns[i].of(baseline)[rows].T @ shapes
@@ -217,9 +217,9 @@ def side_by_side(parts: list[np.ndarray], groups) -> tuple[list[np.ndarray], np.
     """Columns (n, q g) of each block, its part (n, q) in the slot of its group, and True (q g,) for nonzero ones."""
     width = parts[0].shape[1]
     columns = [np.zeros((part.shape[0], width * (max(groups) + 1))) for part in parts]
-    for whole, part, group in zip(columns, parts, groups, strict=True):
-        whole[:, width * group : width * (group + 1)] = part
-    return columns, np.sum([np.sum(whole**2, axis=0) for whole in columns], axis=0) > 0
+    for matrix, part, group in zip(columns, parts, groups, strict=True):
+        matrix[:, width * group : width * (group + 1)] = part
+    return columns, np.sum([np.sum(matrix**2, axis=0) for matrix in columns], axis=0) > 0
 
 
 TABLE = 1 << 21  # cosines that are made at once
@@ -278,10 +278,10 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
 
 def level_error(problem: Problem, baseline: np.ndarray, parts: list[np.ndarray], spectra: Mapping) -> float:
     """Standard deviation of the log noise density averaged over the power of signals (n, 1); {channel: spectra}."""
-    rest, variance = residuals_of(problem, baseline, parts), 0.0
-    total = sum(float(np.sum(samples**2)) for samples in rest)
+    residuals, variance = residuals_of(problem, baseline, parts), 0.0
+    total = sum(float(np.sum(samples**2)) for samples in residuals)
     for channel, axes in spectra.items():
-        *_, spacing, series = _series(problem.blocks, rest, channel)
+        *_, spacing, series = _series(problem.blocks, residuals, channel)
         for spectrum, samples in zip(axes, series, strict=False):
             power = _power(samples).sum(axis=(0, 2)) / max(total, 1e-300)
             share = spectrum.shares(np.arange(1, power.size + 1) / (samples.shape[1] * spacing)).T @ power
@@ -289,14 +289,14 @@ def level_error(problem: Problem, baseline: np.ndarray, parts: list[np.ndarray],
     return float(np.sqrt(variance))
 
 
-def _series(blocks, rest, channel):
+def _series(blocks, residuals, channel):
     """Indices (b,) of the blocks of a channel, their starts s, spacing s, rows (b, n, d) of each axis on an even grid.
 
     Zero where a row is missing; only blocks of over 0.9 of the longest, cut to a common length that an FFT likes.
     """
     axes = range(1 + max((int(b.axis[b.channel == channel].max(initial=0)) for b in blocks), default=0))
     rows = [[(b.channel == channel) & (b.axis == axis) for axis in axes] for b in blocks]
-    at = {k: [b.time[here] for here in rows[k]] for k, b in enumerate(blocks)}
+    at = {k: [b.time[mask] for mask in rows[k]] for k, b in enumerate(blocks)}
     at = {k: one for k, one in at.items() if min(time.size for time in one) >= SHORTEST}
     if not at:
         return (), (), np.nan, []
@@ -306,10 +306,10 @@ def _series(blocks, rest, channel):
     size = {k: 1 + max(place.max() for place in one) for k, one in at.items()}
     kept = sorted((k for k in at if size[k] > 0.9 * max(size.values())), key=starts.get)
     length = fft.prev_fast_len(min(size[k] for k in kept))
-    series = [np.zeros((len(kept), length, rest[0].shape[1]), dtype="f4") for _ in axes]
+    series = [np.zeros((len(kept), length, residuals[0].shape[1]), dtype="f4") for _ in axes]
     for (row, k), axis in itertools.product(enumerate(kept), axes):
         inside = at[k][axis] < length
-        series[axis][row, at[k][axis][inside]] = rest[k][rows[k][axis]][inside]
+        series[axis][row, at[k][axis][inside]] = residuals[k][rows[k][axis]][inside]
     return tuple(kept), [starts[k] for k in kept], spacing, series
 
 
@@ -406,10 +406,10 @@ def _turned(series, rate, buffers):
     """Periodogram (b, n, d) of a series dechirped at a rate, cycles/sample^2; buffers {shape: arrays} are reused."""
     if series.shape not in buffers:
         buffers[series.shape] = np.empty(series.shape, "c8"), np.empty(series.shape, "f4")
-    turned, power = buffers[series.shape]
-    away = np.arange(series.shape[1]) - series.shape[1] / 2
-    _multiply(series, np.exp(-1j * np.pi * rate * away**2).astype("c8"), turned)
-    return _squared(fft.fft(turned, axis=1, overwrite_x=True), 2 / series.shape[1], power)
+    dechirped, power = buffers[series.shape]
+    centred = np.arange(series.shape[1]) - series.shape[1] / 2
+    _multiply(series, np.exp(-1j * np.pi * rate * centred**2).astype("c8"), dechirped)
+    return _squared(fft.fft(dechirped, axis=1, overwrite_x=True), 2 / series.shape[1], power)
 
 
 @njit(cache=True, fastmath=FAST)

@@ -92,13 +92,13 @@ CLOSE, AT_ONCE = -9.0, 2
 
 def widened(problem: Problem, rows: list[Trial]) -> Problem:
     """Problem with the further laws (`Wider`) of drivers in no list that come near significance; the same if none."""
-    near = sorted((t for t in rows if t.kind == "unknown" and t.log_p < CLOSE), key=lambda t: -t.score)
+    close = sorted((t for t in rows if t.kind == "unknown" and t.log_p < CLOSE), key=lambda t: -t.score)
     laws = {}
-    for trial in near:
+    for trial in close:
         wider = problem.candidates[trial.index].wider
         if wider is not None and wider.key not in laws and len(laws) < AT_ONCE:
             laws[wider.key] = wider.made()
-    further = [one for some in laws.values() for one in some]
+    further = [one for group in laws.values() for one in group]
     if not further:
         return problem
     kept = [replace(c, wider=None) if c.wider and c.wider.key in laws else c for c in problem.candidates]
@@ -113,13 +113,13 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
     one that is left out because the data hardly see it would leave others better known than they are.
     """
     gram = attribution.projected(problem.total, baseline)
-    known = {(c.cause, c.form) for c in problem.candidates}
+    existing = {(c.cause, c.form) for c in problem.candidates}
     tried = sum(t.kind == "listed" for t in rows)
-    for whole in [t for t in rows if t.kind == "listed" and t.significance < choice.level and t.dof > len(AXES)]:
-        candidate, place = problem.candidates[whole.index], problem.places[whole.index]
+    for full in [t for t in rows if t.kind == "listed" and t.significance < choice.level and t.dof > len(AXES)]:
+        candidate, place = problem.candidates[full.index], problem.places[full.index]
         if candidate.shape is not None or not candidate.prior or candidate.local or "alone" in candidate.form:
             continue
-        count, kept, best, most = len(candidate.names), [], whole, -np.inf
+        count, kept, best, most = len(candidate.names), [], full, -np.inf
         columns, few = np.arange(place.start, place.stop), []
         while len(kept) < count - 1:
             left = [k for k in range(count) if k not in kept]
@@ -128,9 +128,9 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
             kept.append(next_one)
             worth = gain - COST * dof - 2 * np.sum(np.log(np.arange(len(left), count + 1)))  # the best of so many, each
             if worth > most:
-                best, few, most = whole._replace(gain=gain, dof=dof), sorted(kept), worth
+                best, few, most = full._replace(gain=gain, dof=dof), sorted(kept), worth
         words = ", ".join(candidate.names[k] for k in few)
-        if len(few) < 2 or (candidate.cause, f"{words} alone") in known or best.score < whole.score:
+        if len(few) < 2 or (candidate.cause, f"{words} alone") in existing or best.score < full.score:
             continue
         log_p = float(chi2_tail.log_tail(best.gain, best.dof, choice.freedom))
         chance = float(np.exp(min(log_p + np.log(tried * comb(count, len(few)) / SHARES["listed"]), 0.0)))
@@ -142,9 +142,9 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
 
 def _along(problem, baseline, choice):
     """Fields of `Trial`, but for the significance, of all lines and steps added to the baseline columns (p,)."""
-    rest = residuals_of(problem, baseline, observed_rows(problem))
-    scans = [scan.lines(problem, baseline, rest, c) for c in choice.tone_causes]
-    scans.append(scan.steps(problem, baseline, rest))
+    residuals = residuals_of(problem, baseline, observed_rows(problem))
+    scans = [scan.lines(problem, baseline, residuals, c) for c in choice.tone_causes]
+    scans.append(scan.steps(problem, baseline, residuals))
     rows = []
     for one in scans:
         gain = one.gain[:, 0] if one.at.size else np.zeros(0)
@@ -161,11 +161,11 @@ def _along(problem, baseline, choice):
 
 def tuned(problem: Problem, baseline: np.ndarray, trial: Trial) -> tuple[float, float]:
     """Frequency Hz of a line and its sigma, between the frequencies of the search: where the gain is largest."""
-    rest = residuals_of(problem, baseline, observed_rows(problem))
+    residuals = residuals_of(problem, baseline, observed_rows(problem))
     at, width = trial.at, np.sqrt(12) * trial.at_sigma
     for _ in range(3):
         grid = at + width * np.linspace(-1, 1, 21)
-        gain = scan.line_gains(problem, baseline, rest, trial.channel, grid)[0][trial.place, :, 0]
+        gain = scan.line_gains(problem, baseline, residuals, trial.channel, grid)[0][trial.place, :, 0]
         best = int(np.clip(np.argmax(gain), 1, grid.size - 2))
         at, width = grid[best], width / 5
     below, middle, above = gain[best - 1 : best + 2]
@@ -175,10 +175,10 @@ def tuned(problem: Problem, baseline: np.ndarray, trial: Trial) -> tuple[float, 
 
 def located(trial: Trial, rows: list[Trial]) -> tuple[float, float]:
     """Epoch s of a step and its sigma: mean and spread under the likelihood of the trials at epochs near it."""
-    like = (trial.kind, trial.channel, trial.place, trial.dof)
-    near = [r for r in rows if (r.kind, r.channel, r.place, r.dof) == like]
-    near = [r for r in near if abs(r.at - trial.at) < 20 * np.sqrt(12) * trial.at_sigma] or [trial]
-    at, gain = np.array([(r.at, r.gain) for r in near]).T
+    key = (trial.kind, trial.channel, trial.place, trial.dof)
+    neighbours = [r for r in rows if (r.kind, r.channel, r.place, r.dof) == key]
+    neighbours = [r for r in neighbours if abs(r.at - trial.at) < 20 * np.sqrt(12) * trial.at_sigma] or [trial]
+    at, gain = np.array([(r.at, r.gain) for r in neighbours]).T
     return attribution.likely(at, gain, np.sqrt(12) * trial.at_sigma)
 
 
@@ -279,8 +279,8 @@ def telegraph_of(problem: Problem, baseline: np.ndarray, channel: str) -> Candid
 
 def _rows(block, excess, axis, begin):
     """True (n,) for weighted rows of an axis in the time span of an excess, counted from `begin` s of the record."""
-    here, since = (block.channel == excess.channel) & (block.axis == axis), block.time - begin
-    return here & weighted_rows(block) & (since >= excess.span[0]) & (since <= excess.span[1])
+    on_axis, since = (block.channel == excess.channel) & (block.axis == axis), block.time - begin
+    return on_axis & weighted_rows(block) & (since >= excess.span[0]) & (since <= excess.span[1])
 
 
 def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: float) -> tuple[float, str]:
@@ -299,10 +299,10 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
         return across, "manoeuvres"
     gain = 0.0
     for i in np.flatnonzero(size.max(axis=1) > 0):
-        mine = where[size[i] > 0]
-        parts = halves(problem, int(i), segment_s, np.concatenate([baseline, mine]))
+        acting = where[size[i] > 0]
+        parts = halves(problem, int(i), segment_s, np.concatenate([baseline, acting]))
         fixed = 1 + np.arange(baseline.size)
-        gain += attribution.held_out(parts, fixed, 1 + baseline.size + np.arange(mine.size))
+        gain += attribution.held_out(parts, fixed, 1 + baseline.size + np.arange(acting.size))
     return (float(across), "manoeuvres") if across > gain else (float(gain), "blocks")
 
 
@@ -327,7 +327,7 @@ def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice)
             places = [problem.places[t.index] for t in (one, other)]
             gain, dof, _ = attribution.gained(gram, np.r_[places[0], places[1]], problem.size)
             lost = [(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
-            alone = [chi2_tail.log_tail(*each, choice.freedom) for each in lost]
+            alone = [chi2_tail.log_tail(*change, choice.freedom) for change in lost]
             score = gain - COST * dof
             if max(alone) < limit and (best is None or score > best[1]):
                 best = (one if one.score > other.score else other, score)
@@ -356,13 +356,13 @@ class _Beside:
         Baseline and residual have no local columns left in them; only rows where the columns are not zero count.
         """
         crossed, inner, right = 0.0, 0.0, 0.0
-        for basis, rest, known, part in zip(self.problem.bases, self.rest, self.columns, parts, strict=True):
+        for basis, residual, fitted, part in zip(self.problem.bases, self.rest, self.columns, parts, strict=True):
             if part is not None:
                 rows = np.flatnonzero(part.any(axis=1))
                 used = slice(rows[0], rows[-1] + 1) if rows.size else slice(0)
-                own, inside = part[used], basis[used].T @ part[used]
-                inner = inner + own.T @ own - inside.T @ inside
-                crossed, right = crossed + known[used].T @ own, right + own.T @ rest[used, 0]
+                columns, inside = part[used], basis[used].T @ part[used]
+                inner = inner + columns.T @ columns - inside.T @ inside
+                crossed, right = crossed + fitted[used].T @ columns, right + columns.T @ residual[used, 0]
         return inner - crossed.T @ self.inverse @ crossed, right
 
     def gain(self, parts, size=None):
@@ -403,8 +403,8 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
     shapes = {t.index: problem.candidates[t.index].shape for t in rows if t.index >= 0}
     sized_trials = [t for t in rows if t.index >= 0 and shapes[t.index] is not None and shapes[t.index].sized]
     best = max(sized_trials, key=lambda t: t.gain, default=None)
-    known = [t for t in sized_trials if len(shapes[t.index].tried) == 1]
-    if best is None or best.gain < SHARE * most or any(t.gain > best.gain - NEAR for t in known):
+    settled_trials = [t for t in sized_trials if len(shapes[t.index].tried) == 1]
+    if best is None or best.gain < SHARE * most or any(t.gain > best.gain - NEAR for t in settled_trials):
         return problem, rows
     candidate, beside, index = problem.candidates[best.index], _Beside(problem, baseline), len(problem.candidates)
     value = _largest(candidate.shape, beside)
@@ -448,9 +448,9 @@ def _with_errors(candidate: Candidate, value, beside):
     inner, _ = beside.products([None if p is None else np.hstack([p, b]) for p, b in zip(parts, jacobian, strict=True)])
     joint, count = inverse_of(inner), sizes.size
     alone = inverse_of(inner[:count, :count])
-    known = replace(shape, value=value, covariance=joint[count:, count:], slopes=jacobian)
+    refined_shape = replace(shape, value=value, covariance=joint[count:, count:], slopes=jacobian)
     spread = joint[:count, :count] - alone
-    return replace(candidate, form=_form(shape, value), columns=parts, shape=known, spread=spread)
+    return replace(candidate, form=_form(shape, value), columns=parts, shape=refined_shape, spread=spread)
 
 
 def _with_spread(candidate: Candidate, value, beside):
@@ -470,10 +470,10 @@ def _with_spread(candidate: Candidate, value, beside):
     chosen = beside.inside(shape, value)
     parts = shape.columns(value, *chosen)
     alone = inverse_of(beside.products(parts)[0])
-    held = {"covariance": np.diag(variance), "chosen": next(iter(chosen), None)}
-    known = replace(shape, value=value, tried=value[None], **held)
+    fields = {"covariance": np.diag(variance), "chosen": next(iter(chosen), None)}
+    refined_shape = replace(shape, value=value, tried=value[None], **fields)
     spread = np.maximum(np.diag(variance) - alone, 0.0)
-    return replace(candidate, form=_form(shape, value), columns=parts, shape=known, spread=spread)
+    return replace(candidate, form=_form(shape, value), columns=parts, shape=refined_shape, spread=spread)
 
 
 def _form(shape, value):

@@ -131,8 +131,8 @@ def together(*estimates: Estimate) -> Estimate:
         moved = np.nan_to_num(value) - np.nan_to_num(one.value)
         chi2 += one.chi2 + float(moved @ one.information @ moved)
     dof = sum(one.dof for one in estimates) + (len(estimates) - 1) * len(first.names)
-    rest = np.concatenate([one.residual for one in estimates])
-    return Estimate(first.names, first.unit, value, covariance, chi2, dof, information, right, rest)
+    residual = np.concatenate([one.residual for one in estimates])
+    return Estimate(first.names, first.unit, value, covariance, chi2, dof, information, right, residual)
 
 
 def _solved(information, right):

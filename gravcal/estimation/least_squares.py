@@ -46,8 +46,8 @@ def orthonormal(columns: np.ndarray, tolerance: float = 1e-10) -> np.ndarray:
     used = columns[:, scale > 0] / scale[scale > 0]
     if used.shape[1] == 0:
         return np.zeros((columns.shape[0], 0))
-    left, size, _ = np.linalg.svd(used, full_matrices=False)
-    return left[:, size > tolerance * size[0]]
+    vectors, size, _ = np.linalg.svd(used, full_matrices=False)
+    return vectors[:, size > tolerance * size[0]]
 
 
 def score(

@@ -115,12 +115,12 @@ def moving(time: np.ndarray, value: np.ndarray, covariance: np.ndarray, steps: S
     Steps s are epochs at which it may have jumped, such as trims; `follows` {name: (n,)} holds quantities of the events
     that it may follow, such as fuel: it does where the evidence gains as for a step.
     """
-    known = [s for s in steps if time[0] < s]  # one before all events is not told from the constant
+    later = [s for s in steps if time[0] < s]  # one before all events is not told from the constant
     scale = max(float(np.ptp(value)), 3 * float(np.median(np.sqrt(np.diag(covariance)))))
-    model = _weighed(time, value, covariance, known, [], scale, {})
+    model = _weighed(time, value, covariance, later, [], scale, {})
     for name, quantity in (follows or {}).items():
         if np.ptp(quantity) > 0:
-            wider = _weighed(time, value, covariance, known, [], scale, model.follows | {name: quantity})
+            wider = _weighed(time, value, covariance, later, [], scale, model.follows | {name: quantity})
             model = wider if wider.score > model.score + FOUND else model
     middles = np.array([(a + b) / 2 for a, b in itertools.pairwise(time)])
     while time.size > 3:

@@ -127,9 +127,9 @@ def _run_by_run(coefficients, sigma, columns, valid, out, back):
             order = min(age, len(sigma) - 1)
             out[t] = columns[t] * (sigma[order] if back else 1.0)
             for k in range(order):
-                known = out[t - 1 - k] if back else columns[t - 1 - k]
+                previous = out[t - 1 - k] if back else columns[t - 1 - k]
                 for j in range(columns.shape[1]):
-                    out[t, j] += coefficients[order, k] * known[j] * (1.0 if back else -1.0)
+                    out[t, j] += coefficients[order, k] * previous[j] * (1.0 if back else -1.0)
             if not back:
                 out[t] /= sigma[order]
 
@@ -213,14 +213,14 @@ def fit_spectrum(pieces: Sequence[tuple], step_s: float, knot_hz: np.ndarray, be
     rows = zip(*(_waves(*group, step_s) for group in _alike(pieces)), strict=True)
     square, response, times = (np.concatenate(one) for one in rows)
     if not square.size:  # pieces that are short, or have more gaps than samples, tell a level alone
-        rest = np.concatenate([project_out(c[g], y[g]) for y, c, g in ((y, c, np.isfinite(y)) for y, c in pieces)])
-        free = max(rest.size - sum(c.shape[1] for _, c in pieces), 1)
-        level = np.full(knots.size, np.log(max(2 * step_s * (rest @ rest) / free, 1e-300)))
+        residual = np.concatenate([project_out(c[g], y[g]) for y, c, g in ((y, c, np.isfinite(y)) for y, c in pieces)])
+        free = max(residual.size - sum(c.shape[1] for _, c in pieces), 1)
+        level = np.full(knots.size, np.log(max(2 * step_s * (residual @ residual) / free, 1e-300)))
         return Spectrum(knots, level, np.full((knots.size, knots.size), 2 / free))
     integral, log_knots = response.sum(axis=1), np.log(knots)
     centre, raw = np.log(response @ frequency / integral), square / times / integral
-    near = [np.argsort(np.abs(centre - one))[: 5 * TAPERS] for one in log_knots]
-    value = np.log([max(np.median(raw[one]), 1e-300) for one in near])
+    nearest = [np.argsort(np.abs(centre - one))[: 5 * TAPERS] for one in log_knots]
+    value = np.log([max(np.median(raw[one]), 1e-300) for one in nearest])
     return _scored(Spectrum(knots, value), frequency, (square, times, response), bend)
 
 
@@ -284,10 +284,10 @@ def _alike(pieces):
     """[(values (g, n), columns (n, q))] of pieces, those without gaps and with equal columns together."""
     groups: list[tuple[list, np.ndarray]] = []
     for values, columns in pieces:
-        for others, known in groups:
-            whole = np.isfinite([values, others[0]]).all() if others[0].shape == values.shape else False
-            if whole and known.shape == columns.shape and np.allclose(known, columns):
-                others.append(values)
+        for group, group_columns in groups:
+            complete = np.isfinite([values, group[0]]).all() if group[0].shape == values.shape else False
+            if complete and group_columns.shape == columns.shape and np.allclose(group_columns, columns):
+                group.append(values)
                 break
         else:
             groups.append(([values], columns))
@@ -379,7 +379,7 @@ def changing_levels(white: np.ndarray, lost: float) -> Levels:
     """
     parts, degree = np.array_split(np.arange(len(white)), min(STRETCHES, len(white) // 16)), 2
     count = np.array([np.isfinite(white[part]).all(axis=1).sum() for part in parts]) * (1 - lost / max(len(white), 1))
-    parts = [part for part, known in zip(parts, count, strict=True) if known > 8]
+    parts = [part for part, number in zip(parts, count, strict=True) if number > 8]
     count = count[count > 8]
     along = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(white)), degree)
     plain = Levels(np.ones(white.shape), np.zeros(white.shape))
@@ -447,7 +447,7 @@ def beside(segments: list[np.ndarray], columns: list[np.ndarray]) -> Callable:
     """
     good = [np.isfinite(one).all(axis=1) for one in segments]
     parts = zip(columns, good, strict=True)
-    bases = [orthonormal(one[there].reshape(-1, one.shape[2]), DEPENDENT) for one, there in parts]
+    bases = [orthonormal(one[valid].reshape(-1, one.shape[2]), DEPENDENT) for one, valid in parts]
 
     def clean(segment, index):
         flat = segment[good[index]].ravel()
@@ -466,8 +466,8 @@ def _kept(models, segments, clean, rng, frequency):
     counts = [n + _led_in(m) for n in lengths for m in models]
     white = np.split(rng.standard_normal((times, sum(counts))), np.cumsum(counts)[:-1], axis=1)
     made = [_filtered(models[k % len(models)], one, lengths[k // len(models)]) for k, one in enumerate(white)]
-    each = [np.stack(made[k : k + len(models)], axis=2) for k in range(0, len(made), len(models))]
-    for made in zip(*each, strict=True):
+    by_segment = [np.stack(made[k : k + len(models)], axis=2) for k in range(0, len(made), len(models))]
+    for made in zip(*by_segment, strict=True):
         for i, (segment, noise) in enumerate(zip(segments, made, strict=True)):
             before.append(np.where(np.isfinite(segment), noise, np.nan))
             after.append(clean(before[-1], i))
@@ -602,21 +602,21 @@ def two_levels(series: list[np.ndarray], slow: list[np.ndarray]) -> tuple[list[n
     1 or -1, are their mean over all paths, by Baum and Welch (Rabiner, Proc. IEEE 77, 1989), flips of both ways alike.
     """
     parts = [(y, c, np.isfinite(y)) for y, c in zip(series, slow, strict=True)]
-    rest = [y - c @ np.linalg.lstsq(c[g], y[g], rcond=None)[0] for y, c, g in parts]
+    residual = [y - c @ np.linalg.lstsq(c[g], y[g], rcond=None)[0] for y, c, g in parts]
     count, removed = sum(int(g.sum()) for _, _, g in parts), sum(c.shape[1] for c in slow)
-    whole, left = np.concatenate(rest), count - removed
-    if left < 10 * FLIPS or not np.nanstd(whole) > 0:
+    whole, free = np.concatenate(residual), count - removed
+    if free < 10 * FLIPS or not np.nanstd(whole) > 0:
         return [0 * y for y in series], [0 * y for y in series], -np.inf
-    models = (fit_noise(rest, k, 1.0, removed).variance for k in range(FLIPS + 1))
-    least = min(left * (np.log(2 * np.pi * one[-1]) + 1) + (one.size - 1) * np.log(count) for one in models)
+    models = (fit_noise(residual, k, 1.0, removed).variance for k in range(FLIPS + 1))
+    least = min(free * (np.log(2 * np.pi * one[-1]) + 1) + (one.size - 1) * np.log(count) for one in models)
     size, variance, flip, best = 0.8 * np.nanstd(whole), np.nanvar(whole) / 4, 0.05, -np.inf
-    mean, whole = [y - r for (y, *_), r in zip(parts, rest, strict=True)], np.concatenate(series)
+    mean, whole = [y - r for (y, *_), r in zip(parts, residual, strict=True)], np.concatenate(series)
     for _ in range(CLIMBS):
         fields = [size * (y - m) / variance for y, m in zip(series, mean, strict=True)]
         expected = [_states(np.clip(np.nan_to_num(one), -300, 300), flip) for one in fields]
         states, sums, flips = zip(*expected, strict=True)
         square = np.nansum((whole - np.concatenate(mean)) ** 2) + count * size**2
-        likelihood = sum(sums) - square / (2 * variance) - left / 2 * np.log(2 * np.pi * variance)
+        likelihood = sum(sums) - square / (2 * variance) - free / 2 * np.log(2 * np.pi * variance)
         if likelihood < best + 1e-3:
             break
         best = likelihood
@@ -624,7 +624,7 @@ def two_levels(series: list[np.ndarray], slow: list[np.ndarray]) -> tuple[list[n
         mean = [c @ np.linalg.lstsq(c[g], level, rcond=None)[0] for c, level, g in solved]
         state, level = np.concatenate(states), whole - np.concatenate(mean)
         size = abs(np.nansum(state * level)) / count
-        variance = np.nansum(level**2 - 2 * size * state * level + size**2) / left
+        variance = np.nansum(level**2 - 2 * size * state * level + size**2) / free
         flip = np.clip(sum(flips) / count, 1e-3, 0.5)
     gain = 2 * best - 3 * np.log(count) + least + 2 * np.log(LINE_LEVEL)
     return [m + size * s for m, s in zip(mean, states, strict=True)], list(states), float(gain)
@@ -644,8 +644,8 @@ def _states(field, flip):
     for k in range(field.size - 1, -1, -1):
         states[k] = (forward[k] * one - (1 - forward[k]) * other) / (forward[k] * one + (1 - forward[k]) * other)
         one, other, prior = up[k] * one, down[k] * other, forward[k - 1]
-        turned, kept = flip * (prior * other + (1 - prior) * one), (1 - flip) * (prior * one + (1 - prior) * other)
-        flips += turned / (turned + kept) if k else 0.0
+        flipped, kept = flip * (prior * other + (1 - prior) * one), (1 - flip) * (prior * one + (1 - prior) * other)
+        flips += flipped / (flipped + kept) if k else 0.0
         one, other = one + flip * (other - one), other + flip * (one - other)
         one, other = one / (one + other), other / (one + other)
     return states, log_sum, flips
@@ -763,10 +763,10 @@ def isolated(values: np.ndarray, reach: int, limit: float, weights=None, least: 
     distance = np.abs(values - middle)
     distance[:reach] = distance[-reach:] = 0.0
     scale = np.maximum(np.quantile(distance, 0.9, axis=0) / 1.645, least)
-    apart = distance > limit * np.where(scale > 0, scale, np.inf)
+    outlying = distance > limit * np.where(scale > 0, scale, np.inf)
     if weights is not None:
-        apart &= distance >= maximum_filter1d(distance, size, axis=0)
-    return apart.any(axis=1)
+        outlying &= distance >= maximum_filter1d(distance, size, axis=0)
+    return outlying.any(axis=1)
 
 
 EXPONENTS = (-2, -1, 0, 1)  # of the frequency in the power laws whose sum is the density of the noise

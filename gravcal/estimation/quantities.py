@@ -26,9 +26,9 @@ def tabled(dataset: Any, result: Any) -> Any:
     """Dataset (xarray) with the table of a result, a record or numbers, texts, lists and tables; NaN is None."""
     columns = zip(*_rows("", _adapter(type(result)).dump_python(result, **AS_TABLES)), strict=True)
     variables = {}
-    for (name, stated), values in zip(SCHEMA.items(), columns, strict=True):
-        labels = {label: stated[label] for label in ("units", "long_name") if label in stated}
-        variables[name] = "quantity", np.array(values, dtype=object if "dtype" in stated else float), labels
+    for (name, spec), values in zip(SCHEMA.items(), columns, strict=True):
+        labels = {label: spec[label] for label in ("units", "long_name") if label in spec}
+        variables[name] = "quantity", np.array(values, dtype=object if "dtype" in spec else float), labels
     return dataset.drop_dims("quantity", errors="ignore").assign(variables)
 
 

@@ -188,8 +188,8 @@ class Entry:
     @property
     def values(self) -> dict[str, float]:
         """{name: value} of the parameters that are determined."""
-        known = {n: p.value for n, p in self.parameters.items() if p.value is not None}
-        return {n: v for n, v in known.items() if math.isfinite(v)}
+        valued = {n: p.value for n, p in self.parameters.items() if p.value is not None}
+        return {n: v for n, v in valued.items() if math.isfinite(v)}
 
 
 def entries(model: Sequence[Mapping]) -> list[Entry]:

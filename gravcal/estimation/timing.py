@@ -41,8 +41,8 @@ def normalised(second, fraction) -> Tags:
     second, fraction = np.asarray(second, np.int64), np.asarray(fraction, float)
     carry = np.where(np.isfinite(fraction), np.floor(fraction), 0.0)
     fraction = fraction - carry
-    whole = fraction >= 1.0  # a tiny negative fraction rounds up to 1
-    return Tags(second + carry.astype(np.int64) + whole, np.where(whole, 0.0, fraction))
+    rounded = fraction >= 1.0  # a tiny negative fraction rounds up to 1
+    return Tags(second + carry.astype(np.int64) + rounded, np.where(rounded, 0.0, fraction))
 
 
 def tim1b_clock(obc_second, rcv_second, rcv_fraction, qualflg) -> Clock:
