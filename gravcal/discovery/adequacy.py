@@ -39,7 +39,7 @@ class Test:
     rest: list[np.ndarray]  #: (n,) residual of each block
     quiet: float = 1.0  #: p-value of so little power in any channel and band
     excess: scan.Excess | None = None  #: the most unlikely of `scan.excess`, None where nothing is long enough
-    excess_p: float = 1.0  #: its p-value
+    excess_p: float = 1.0  #: p-value of the most unlikely excess
 
     def adequate(self, level: float) -> bool:
         """True if the residual is noise at a family-wise level, and has not too little power."""

@@ -112,7 +112,7 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
 
 
 def _shares(block, others, index, size):
-    """Share (k,) that others have of the information of one + others (m, m), along k independent directions (i, k)."""
+    """Share (k,) of the information of block + others (m, m) that others have, by k independent directions (i, k)."""
     whitening = root_of((block + others)[np.ix_(index, index)], 1e-9, size[index])
     share, rotated = np.linalg.eigh(whitening.T @ others[np.ix_(index, index)] @ whitening)
     return np.clip(share, 0.0, 1.0), whitening @ rotated

@@ -119,7 +119,7 @@ def covariance(flight: Flown, counts: np.ndarray) -> np.ndarray:
 
 
 def odds(chi2: float, tied: float) -> float:
-    """Probability that two causes are told apart, from their expected chi-square and that below which they are tied.
+    """Probability that two causes are separated, from their expected chi-square and that below which they are tied.
 
     The log-likelihood ratio of the true to the other one has mean chi2 and variance 4 chi2.
     """

@@ -216,7 +216,7 @@ def _fitted(result, position):
 
 
 def _entries(result: Result, position: int, observed, waves) -> tuple[Entry, Entry]:
-    """Entry of a finding with the catalogue's parameters, twice: as reported, and as a model takes it out."""
+    """Entry of a finding with catalogue parameters, as reported and as a model takes it out; waves: forms of lines."""
     one, fitted = result.findings[position], _fitted(result, position)
     values = zip(one.names, one.value.tolist(), one.sigma.tolist(), one.units, strict=True)
     parameters, entry = {n: Parameter(v, s, u) for n, v, s, u in values}, Entry(slug_of(one.cause), one.form, {})

@@ -300,7 +300,7 @@ class Search:
         return [self.apart(law, k) for _, k in ranked[:PARTED]] * (len(_alone(law)) < self.strange)
 
     def run(self) -> Result:
-        """Rounds: the best significant law of any cause, until there is none; then ties and offsets."""
+        """Result of rounds, each naming the best significant law of any cause, until there is none."""
         named, chance = [], {}  # (law, size over its prior), {cause: (p-value, gain, dof, score)}
         for _ in range(self.rounds):
             beside = [law for law, _ in named if law.scope != "each"]

@@ -24,7 +24,7 @@ SIZES = np.geomspace(1e-6, 1.0, 121)  # squares of the common size of a cause th
 
 
 def delivered(result: Result, choice: Choice, count: int) -> Result:
-    """Result whose calibration after the search is the one number that is delivered, with its whole error.
+    """Result with the calibration that is delivered: shared parameters after the search, averaged, with their error.
 
     The value is the mean over the causes that are tied and their forms, by their evidence with the priors of the
     catalogue; the error holds their spread, and what directions that the data do not see would do: of named causes as

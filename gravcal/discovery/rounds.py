@@ -58,15 +58,15 @@ class Choice:
 
 @dataclass(frozen=True)
 class Finding:
-    """One accepted cause."""
+    """One accepted cause, with its fitted parameters and the evidence for it."""
 
     cause: str
     form: str
     tied: list[str]  #: causes of the catalogue that fit as well
     names: list[str]  #: (q,) of its parameters
     units: list[str]  #: (q,)
-    value: np.ndarray  #: (q,) NaN where the data do not determine one; as sigma
-    sigma: np.ndarray
+    value: np.ndarray  #: (q,) NaN where the data do not determine one
+    sigma: np.ndarray  #: (q,) standard deviations
     index: int  #: of the candidate in the baseline, whose form may have fewer parameters
     gain: float  #: of the likelihood ratio with all other findings in the baseline
     dof: int  #: of that
@@ -81,7 +81,7 @@ class Finding:
 
 @dataclass(frozen=True)
 class Result:
-    """What a search found."""
+    """Findings of a search, with the tests and fits before and after."""
 
     findings: list[Finding]  #: list of Finding
     before: adequacy.Test  #: of the baseline

@@ -344,7 +344,7 @@ def _deviations(power, most):
 
 
 def _tiles(series):
-    """Yield tiles of each length: spans (k, 2) in samples, bands (k, 2) per sample, power (b, k, d) of each axis."""
+    """Yield tiles of axis series (b, n, d): spans (k, 2) samples, bands (k, 2) per sample, power (b, k, d) an axis."""
     count, parts = series[0].shape[1], 1
     while count // parts >= SHORTEST:
         size = count // parts

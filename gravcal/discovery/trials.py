@@ -1,6 +1,6 @@
 """Everything that is tried in a round: candidates, lines, steps and pairs, corrected for their number.
 
-Causes with a shape, such as the frequency of a mode, are fitted where a search along a grid has found them.
+Causes with a shape, such as a frequency, are refined where a grid search finds them; `choice` is `rounds.Choice`.
 """
 
 from __future__ import annotations
@@ -106,7 +106,7 @@ def widened(problem: Problem, rows: list[Trial]) -> Problem:
 
 
 def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) -> tuple[Problem, list[Trial]]:
-    """Problem and trials with those few parameters of a listed cause that describe the data better than one or all do.
+    """Problem and trials with those few parameters of a listed cause that describe the data better than one or all.
 
     Found one after the other, each the best beside those before it, of causes that are significant with all their
     parameters; the number of ways to choose as many counts in the correction. A vector has all of its three components:
@@ -284,7 +284,7 @@ def _rows(block, excess, axis, begin):
 
 
 def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: float) -> tuple[float, str]:
-    """Twice the log likelihood gained on data left out, and which: "manoeuvres" or "blocks" of time.
+    """Twice the log likelihood gained on held-out data by candidate index, and which: "manoeuvres" or "blocks" of time.
 
     What every block has in common is fitted without one block and tested on it; what belongs to single blocks is
     fitted in every second stretch of so many seconds and tested on the others. Of a cause with parameters of both kinds

@@ -449,7 +449,7 @@ def beside(segments: list[np.ndarray], columns: list[np.ndarray]) -> Callable:
     parts = zip(columns, good, strict=True)
     bases = [orthonormal(one[valid].reshape(-1, one.shape[2]), DEPENDENT) for one, valid in parts]
 
-    def clean(segment, index):
+    def clean(segment, index):  # residual (n, 3) of a segment (n, 3) by its index
         flat = segment[good[index]].ravel()
         cleaned = np.full_like(segment, np.nan)
         cleaned[good[index]] = (flat - bases[index] @ (bases[index].T @ flat)).reshape(-1, 3)

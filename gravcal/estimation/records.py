@@ -93,7 +93,7 @@ class Candidate:
     spread: np.ndarray | None = None  #: (q, q) covariance of the parameters by the error of the shape, None without
     apart: bool = False  #: True if several forms may act at once, as lines of several frequencies do
     wider: Wider | None = None  #: Wider, candidates that are tried where this one comes near; None without
-    #: indices of the calibration's parameters that are not separable from the mean of each of its own, which is open
+    #: indices of the calibration's parameters that an unknown mean of each of its own parameters would change
     means: tuple[int, ...] = ()
     of_frame: bool = False  #: True if it rotates the frame of the result, whose error it does not add to
 
@@ -161,7 +161,7 @@ class Wave:
 
 @dataclass(frozen=True)
 class Lead:
-    """Time s of one manoeuvre, which starts at `start` s: by which its commanded edges are earlier than those seen.
+    """Time s of one manoeuvre, that begins at `start` s, by which its commanded edges lead the observed ones.
 
     Of a step that every manoeuvre has: after the start of the manoeuvre.
     """

@@ -82,7 +82,7 @@ def converted(tags: Tags, clock: Clock, gap_s: float, reach_s: float, jump_s: fl
     """Tags in the time that a clock leads to, never across one of its jumps, and True (n,) where undetermined.
 
     On-board tags for the clock of TIM1B, receiver time for that of CLK1B; undetermined is what lies in a gap over
-    gap_s between two knots, over reach_s beyond the last one, or at a jump over jump_s, all in s.
+    gap_s between two knots, over reach_s beyond the first or last one, or at a jump over jump_s, all in s.
     """
     if not len(clock.second):
         undetermined = np.ones(len(tags.second), bool)
