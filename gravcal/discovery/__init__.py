@@ -2,8 +2,8 @@
 
 Names that every module uses alike: `problem` holds all columns of all blocks and their products, the observed rows
 first; a `baseline` (p,) gives the indices of the columns that are fitted; `gram` (m, m) are products with some columns
-projected out, `place` the slice of a candidate in them and `size` (m,) the norms beside local columns; `rest` (n, d) a
-block are residuals; `rows` the trials of a round and `chosen` the (index, trial) of every name.
+projected out, `place` the slice of a candidate in them, `size` (m,) the norms less local columns, a `gain` a reduction
+of chi-square; `rest` (n, d) of a block are residuals; `rows` trials of a round, `chosen` the (index, trial) of names.
 """
 
 import tomllib

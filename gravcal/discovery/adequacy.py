@@ -17,10 +17,10 @@ from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.outcome import Band, Outlier
 
-BANDS = 4
-DRAWS = 199
-QUIET = 1e-3  # probability of so little power, below which the noise is overrated
-CERTAIN = -10.0  # log of a probability below which several kinds of excess are there for sure
+BANDS = 4  # of equal width, of the spectrum of a channel in a block
+DRAWS = 199  # of noise
+QUIET = 1e-3  # p-value of so little power, below which the noise is overrated
+CERTAIN = -10.0  # log p-value below which an excess is certain; of several certain ones the score decides
 #: Expected number of rows of noise beyond the limit of an outlier, and what its neighbours have to stay below.
 CHANCE, NEAR = 1e-3, 2.5
 #: Rows that a bad sample spreads over beyond the coefficients of the noise model, and outliers in a channel of a block.
@@ -31,34 +31,34 @@ PULSE = -0.3
 
 @dataclass(frozen=True)
 class Test:
-    """Outcome."""
+    """Outcome of the adequacy tests of a baseline."""
 
-    p: float  #: probability of so small a minimum on clean data
-    rows: list[Band]  #: power against expected noise
+    p: float  #: probability that noise alone gives so small a least p-value
+    rows: list[Band]  #: power over that of noise by block, channel and band
     scans: list[scan.Scan]  #: list of Scan of the residual
     rest: list[np.ndarray]  #: (n,) residual of each block
-    quiet: float = 1.0  #: of so little power in any channel and band
+    quiet: float = 1.0  #: p-value of so little power in any channel and band
     excess: scan.Excess | None = None  #: the most unlikely of `scan.excess`, None where nothing is long enough
-    excess_p: float = 1.0  #: probability of one so unlikely on clean data
+    excess_p: float = 1.0  #: p-value of the most unlikely excess
 
     def adequate(self, level: float) -> bool:
-        """Whether the residual is noise at a family-wise level."""
+        """True if the residual is noise at a family-wise level, and has not too little power."""
         return bool(self.p >= level and self.quiet >= QUIET)
 
 
 def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Test:
-    """Test a baseline; raises EstimationError where the model takes up all that was measured."""
-    both = [np.concatenate([m, n], axis=1) for m, n in zip(observed_rows(problem), noise, strict=True)]
-    rest = residuals_of(problem, baseline, both, over=True)
+    """Test of a baseline (p,) against noise draws (n, d) a block; EstimationError if the model takes up all data."""
+    signals = [np.concatenate([m, n], axis=1) for m, n in zip(observed_rows(problem), noise, strict=True)]
+    residuals = residuals_of(problem, baseline, signals, over=True)
     channels = sorted({c for b in problem.blocks for c in b.channel})
-    scans = [scan.lines(problem, baseline, rest, channel) for channel in channels]
-    scans = [s for s in [*scans, scan.steps(problem, baseline, rest)] if s.at.size]
-    power = [one for channel in channels for one in scan.excess(problem, rest, channel)]
-    rows, smallest, quiet = _bands(problem.blocks, rest)
-    unlikely = [one.log_p for one in power]
+    scans = [scan.lines(problem, baseline, residuals, channel) for channel in channels]
+    scans = [s for s in [*scans, scan.steps(problem, baseline, residuals)] if s.at.size]
+    excesses = [one for channel in channels for one in scan.excess(problem, residuals, channel)]
+    rows, smallest, quiet = _bands(problem.blocks, residuals)
+    unlikely = [one.log_p for one in excesses]
     lines = [chi2_tail.least_log_tail(s.gain, np.maximum(s.dof, 1)) + np.log(s.at.size) for s in scans]
     gram, gains, dof = attribution.projected(problem.total, baseline), [], []
-    right = sum(c.onto(r) for c, r in zip(problem.columns, rest, strict=True))
+    right = sum(c.onto(r) for c, r in zip(problem.columns, residuals, strict=True))
     for place in problem.places:
         factor = attribution.spread(gram, place, problem.size)
         if factor.shape[0]:
@@ -74,16 +74,16 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
             readings=count,
         )
     least = np.min(families, axis=0)
-    own = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1].copy(), s.dof) for s in scans]  # no views
-    certain = [one for one in power if one.log_p[0] < CERTAIN]
-    excess = max(certain, key=lambda one: one.score, default=min(power, key=lambda one: one.log_p[0], default=None))
-    excess_p = _rank(np.min(unlikely, axis=0)) if power else 1.0
+    kept = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1].copy(), s.dof) for s in scans]  # no views
+    certain = [one for one in excesses if one.log_p[0] < CERTAIN]
+    excess = max(certain, key=lambda one: one.score, default=min(excesses, key=lambda one: one.log_p[0], default=None))
+    excess_p = _rank(np.min(unlikely, axis=0)) if excesses else 1.0
     quiet = 1.0 if quiet is None else _rank(quiet)
-    return Test(_rank(least), rows, own, [r[:, 0].copy() for r in rest], quiet, excess, excess_p)
+    return Test(_rank(least), rows, kept, [r[:, 0].copy() for r in residuals], quiet, excess, excess_p)
 
 
 def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Problem, list[Outlier]]:
-    """Problem without isolated outliers in any column, and these.
+    """Problem with isolated outliers removed by local columns of their own, and a list of these outliers.
 
     A sample that is further from the baseline than noise can be, alone in its channel but for what the whitening makes
     of it (order: coefficients of the noise model), and that no listed cause and no step explains. A column of its own
@@ -92,103 +92,103 @@ def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Proble
     from scipy.stats import norm
 
     baseline, blocks, outliers = baseline_of(problem, ()), list(problem.blocks), []
-    rest = residuals_of(problem, baseline, observed_rows(problem))
-    limit = -norm.ppf(CHANCE / (2 * sum(r.shape[0] for r in rest)))
-    for k, (block, values) in enumerate(zip(problem.blocks, rest, strict=True)):
+    residuals = residuals_of(problem, baseline, observed_rows(problem))
+    limit = -norm.ppf(CHANCE / (2 * sum(r.shape[0] for r in residuals)))
+    for k, (block, values) in enumerate(zip(problem.blocks, residuals, strict=True)):
         far = np.flatnonzero(np.abs(values[:, 0]) > limit)
         rows = []
         for channel, axis in sorted({(str(block.channel[i]), int(block.axis[i])) for i in far}):
-            here = np.flatnonzero((block.channel == channel) & (block.axis == axis))
-            groups = _alone(values[here, 0], limit, order.get(channel, 0) + WIDE)
-            for group in (here[g] for g in groups):
+            samples = np.flatnonzero((block.channel == channel) & (block.axis == axis))
+            groups = _alone(values[samples, 0], limit, order.get(channel, 0) + WIDE)
+            for group in (samples[g] for g in groups):
                 worst = group[np.argmax(np.abs(values[group, 0]))]
-                if here.size < 8 * BANDS or _explained(problem, baseline, rest, k, group, limit):
+                if samples.size < 8 * BANDS or _explained(problem, baseline, residuals, k, group, limit):
                     continue
                 rows += group.tolist()
                 where = block.label, channel, "xyz"[axis]
                 outliers.append(Outlier(*where, float(block.time[worst]), float(values[worst, 0])))
         if rows:
-            own = np.zeros((block.observed.size, len(rows)))
-            own[rows, np.arange(len(rows))] = 1.0
-            blocks[k] = replace(block, local_columns=np.concatenate([block.local_columns, own], axis=1))
+            columns = np.zeros((block.observed.size, len(rows)))
+            columns[rows, np.arange(len(rows))] = 1.0
+            blocks[k] = replace(block, local_columns=np.concatenate([block.local_columns, columns], axis=1))
     return (prepare(blocks, problem.candidates) if outliers else problem), outliers
 
 
 def _alone(values, limit, width):
-    """Groups of rows about single far ones; none where there are more than a few, for that is a pattern."""
-    groups, left = [], np.abs(values)
-    while left.max(initial=0.0) > limit:
-        worst = int(np.argmax(left))
-        near = np.arange(max(worst - width, 0), min(worst + width + 1, left.size))
-        groups.append(near[left[near] > NEAR])
-        left = left.copy()
-        left[near] = 0.0
-    return groups if len(groups) <= MOST and np.sum(left > (NEAR + limit) / 2) <= MOST else []
+    """Index groups about isolated residuals beyond limit, up to width rows away; none if over MOST, a pattern."""
+    groups, remaining = [], np.abs(values)
+    while remaining.max(initial=0.0) > limit:
+        worst = int(np.argmax(remaining))
+        neighbours = np.arange(max(worst - width, 0), min(worst + width + 1, remaining.size))
+        groups.append(neighbours[remaining[neighbours] > NEAR])
+        remaining = remaining.copy()
+        remaining[neighbours] = 0.0
+    return groups if len(groups) <= MOST and np.sum(remaining > (NEAR + limit) / 2) <= MOST else []
 
 
-def _explained(problem, baseline, rest, number, group, limit):
-    """Whether a listed cause or a step leaves nothing of far rows (g,) in a block."""
-    block, columns = problem.blocks[number], problem.columns[number]
+def _explained(problem, baseline, residuals, index, group, limit):
+    """True if a listed cause or a step fits the far rows, group (g,), of block `number` to within limit."""
+    block, columns = problem.blocks[index], problem.columns[index]
     gram, inverse = attribution.projected(problem.total, baseline), inverse_of_baseline(problem, baseline)
     rows = np.stack([columns.row(i) for i in group])
     rows = rows - rows[:, baseline] @ inverse @ problem.total[baseline]
     for candidate, place in zip(problem.candidates, problem.places, strict=True):
         if candidate.listed:
             value = attribution.ratio(gram, place, problem.size).value
-            if np.abs(rest[number][group, 0] - rows[:, place] @ value).max() < limit:
+            if np.abs(residuals[index][group, 0] - rows[:, place] @ value).max() < limit:
                 return True
 
     def fitted(shape):
         """Sizes (q,) of the columns of a step in the residual, and the largest that they leave of the far rows."""
         clean = shape - columns.basis @ (columns.basis.T @ shape)
-        value = np.linalg.lstsq(clean, rest[number][:, 0], rcond=1e-6)[0]
-        return value, np.abs(rest[number][group, 0] - clean[group] @ value).max()
+        value = np.linalg.lstsq(clean, residuals[index][:, 0], rcond=1e-6)[0]
+        return value, np.abs(residuals[index][group, 0] - clean[group] @ value).max()
 
     if any(fitted(shape)[1] < limit for shape in block.steps.values()):
         return True
-    row = int(group[np.argmax(np.abs(rest[number][group, 0]))])
+    row = int(group[np.argmax(np.abs(residuals[index][group, 0]))])
     for shape in _steps_about(block, row):
-        value, left = fitted(shape)
+        value, remainder = fitted(shape)
         largest = int(np.argmax(np.abs(shape[row] * value)))
         share = value[largest - value.size // 2] / value[largest]  # of the other column; a bad sample has -1
-        if left < limit and share > PULSE:
+        if remainder < limit and share > PULSE:
             return True
     return False
 
 
 def _steps_about(block, row):
-    """Columns (n, 2 q) of steps at two neighbouring samples about a row, that of the search moved there.
+    """Yield columns (n, 2 q) of steps at two neighbouring samples near a row: the block's nearest step, shifted.
 
     Both of one sign are a step between the samples, both of opposite sign a pulse.
     """
-    here = np.flatnonzero((block.channel == block.channel[row]) & (block.axis == block.axis[row]))
+    samples = np.flatnonzero((block.channel == block.channel[row]) & (block.axis == block.axis[row]))
     for epoch in sorted(block.steps, key=lambda at: abs(at - block.time[row]))[:1]:
-        first = int(np.searchsorted(here, row) - np.searchsorted(block.time[here], epoch))
+        first = int(np.searchsorted(samples, row) - np.searchsorted(block.time[samples], epoch))
         moved = np.zeros((4, *block.steps[epoch].shape))
         for k, shift in enumerate(range(first - 2, first + 2)):
-            source, target = here[max(-shift, 0) : here.size - max(shift, 0)], here[max(shift, 0) :]
+            source, target = samples[max(-shift, 0) : samples.size - max(shift, 0)], samples[max(shift, 0) :]
             moved[k, target[: source.size]] = block.steps[epoch][source]
         yield from (np.concatenate(moved[k : k + 2], axis=1) for k in range(3))
 
 
-def _rank(least):
-    """Probability of a log as small as the first by the others, which are draws: its rank among them.
+def _rank(log_p):
+    """P-value of the first of log p-values (1 + d,) among the others, which are of noise: its rank.
 
     Below a quarter of the draws it falls as their own tail does, at most as a probability should (Hill, Ann. Stat. 3,
     1975).
     """
-    draws = np.sort(least[1:])
-    near = draws.size // 4
-    if least[0] >= draws[near]:
-        return float((1 + np.sum(draws <= least[0])) / least.size)
-    slope = min(near / max(np.sum(draws[near] - draws[:near]), 1e-9), 1.0)
-    return float(near / draws.size * np.exp(slope * (least[0] - draws[near])))
+    draws = np.sort(log_p[1:])
+    quarter = draws.size // 4
+    if log_p[0] >= draws[quarter]:
+        return float((1 + np.sum(draws <= log_p[0])) / log_p.size)
+    slope = min(quarter / max(np.sum(draws[quarter] - draws[:quarter]), 1e-9), 1.0)
+    return float(quarter / draws.size * np.exp(slope * (log_p[0] - draws[quarter])))
 
 
-def _bands(blocks, rest):
-    """Rows for the first column, and logs of the corrected smallest probabilities of more and of less power."""
+def _bands(blocks, residuals):
+    """Band rows of the first column; corrected log p-value (1 + d,) of the most and of the least power in a band."""
     rows, log_p, sums = [], [], {}
-    for block, values in zip(blocks, rest, strict=True):
+    for block, values in zip(blocks, residuals, strict=True):
         for channel in dict.fromkeys(block.channel):
             power, freedom = _power(block, channel, values)
             for band in range(power.shape[0]):
@@ -204,8 +204,8 @@ def _bands(blocks, rest):
                 rows.append(Band(block.label, str(channel), band, *numbers))
     means = {place: s[1:-1].mean() for place, s in sums.items()}
     shapes = {place: means[place] ** 2 / s[-1] for place, s in sums.items()}
-    less = [chi2_tail.log_gamma_tail(s[:-1], shapes[n], means[n], smaller=True) for n, s in sums.items()]
-    return rows, *(np.min(one, axis=0) + np.log(len(one)) if one else None for one in (log_p, less))
+    deficit = [chi2_tail.log_gamma_tail(s[:-1], shapes[n], means[n], smaller=True) for n, s in sums.items()]
+    return rows, *(np.min(one, axis=0) + np.log(len(one)) if one else None for one in (log_p, deficit))
 
 
 def _power(block, channel, values):

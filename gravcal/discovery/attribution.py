@@ -1,7 +1,7 @@
 """Which cause explains the residual: likelihood ratios with all baseline parameters free, and what data cannot show.
 
 Gram matrices (m, m) hold products of all columns, the observed rows first; `place` are the columns of a candidate,
-`size` (m,) the norm of the columns beside own ones.
+`size` (m,) the norms of the columns with local columns projected out.
 """
 
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from gravcal.estimation import chi2_tail
 from gravcal.estimation.outcome import Separation
 from gravcal.estimation.records import Unobservable
 
-#: Share of its size that a column keeps when it counts as seen beside the baseline.
+#: Least share of its size that the baseline must leave of a column for it to be observable.
 SEEN = 1e-4
 #: Share of the information on a direction below which a set of blocks does not see it.
 UNSEEN_SHARE = 1e-3
@@ -29,58 +29,58 @@ class Ratio:
     log_p: float  #: natural logarithm of the probability of a larger gain by chance
     value: np.ndarray  #: (q,) of its parameters
     covariance: np.ndarray  #: (q, q) of its parameters
-    determined: np.ndarray  #: (q,) whether the data fix a parameter by itself
+    determined: np.ndarray  #: True (q,) if the data determine a parameter by itself
 
 
 def projected(gram: np.ndarray, baseline: np.ndarray) -> np.ndarray:
-    """Gram matrix with the baseline columns projected out."""
+    """Gram matrix (m, m) with the baseline columns (p,) projected out."""
     cross = gram[:, baseline]
     return gram - cross @ inverse_of(gram[np.ix_(baseline, baseline)]) @ cross.T
 
 
 def spread(gram: np.ndarray, place: slice | np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Matrix W (r, q) with gain = |W b|^2 for products b of the candidate's columns with the residual."""
+    """Matrix W (r, q), gain = |W b|^2 for products b (q,) of a candidate's columns with the residual, r observable."""
     return root_of(gram[place][:, place], SEEN**2, size[place]).T
 
 
 def gained(gram: np.ndarray, place: slice | np.ndarray, size: np.ndarray) -> tuple[float, int, np.ndarray]:
-    """Reduction of chi-square by a candidate, its independent parameters, and the matrix of `spread`."""
+    """Chi-square gain of a candidate, its number of independent parameters, and the matrix (r, q) of `spread`."""
     factor = spread(gram, place, size)
     part = factor @ gram[place, 0]
     return float(part @ part), factor.shape[0], factor
 
 
 def ratio(gram: np.ndarray, place: slice, size: np.ndarray) -> Ratio:
-    """Likelihood ratio of adding the columns of a candidate to a Gram matrix beside its baseline, as of `projected`."""
+    """Likelihood ratio of the columns of a candidate, from a Gram matrix as of `projected`."""
     gain, dof, factor = gained(gram, place, size)
     part = factor @ gram[place, 0]
     log_p = float(chi2_tail.log_tail(gain, dof)) if dof else 0.0
     covariance = factor.T @ factor
     scale = np.where(size[place] > 0, size[place], 1.0)
-    inside = np.linalg.pinv(factor * scale) @ (factor * scale) if dof else np.zeros((scale.size,) * 2)
-    return Ratio(gain, dof, log_p, factor.T @ part, covariance, np.diag(inside) > 1 - 1e-3)
+    resolution = np.linalg.pinv(factor * scale) @ (factor * scale) if dof else np.zeros((scale.size,) * 2)
+    return Ratio(gain, dof, log_p, factor.T @ part, covariance, np.diag(resolution) > 1 - 1e-3)
 
 
 def beside(problem: Problem, others: Sequence[int], index: int) -> Ratio:
-    """Gain of a candidate with others in the baseline, by their indices."""
-    own, baseline = np.r_[0, problem.places[index]], baseline_of(problem, others)
-    used = np.concatenate([own, baseline])
-    gram = projected(problem.total[np.ix_(used, used)], np.arange(own.size, used.size))
-    return ratio(gram, slice(1, own.size), problem.size[own])
+    """Likelihood ratio of candidate `index` with the others, candidates by index, in the baseline."""
+    columns, baseline = np.r_[0, problem.places[index]], baseline_of(problem, others)
+    used = np.concatenate([columns, baseline])
+    gram = projected(problem.total[np.ix_(used, used)], np.arange(columns.size, used.size))
+    return ratio(gram, slice(1, columns.size), problem.size[columns])
 
 
 def likely(at: np.ndarray, gain: np.ndarray, spacing: float) -> tuple[float, float]:
-    """Mean and spread of a number under the likelihood of the gains (n,) of its values (n,), so far apart."""
+    """Mean and sigma of a quantity under the likelihood of chi-square gains (n,) at its values (n,), spacing apart."""
     weight = np.exp((gain - gain.max()) / 2)
     mean = weight @ at / weight.sum()
     return float(mean), float(np.sqrt(weight @ (at - mean) ** 2 / weight.sum() + spacing**2 / 12))
 
 
 def misfit(gram: np.ndarray, true: slice, value: np.ndarray, other: slice, size: np.ndarray) -> float:
-    """Expected chi-square that remains when one cause is true and another is fitted."""
-    whole = float(value @ gram[true, true] @ value)
+    """Expected chi-square left when columns `true` act with value (q,) and columns `other` are fitted instead."""
+    power = float(value @ gram[true, true] @ value)
     part = spread(gram, other, size) @ (gram[other, true] @ value)
-    return whole - float(part @ part)
+    return power - float(part @ part)
 
 
 def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> float:
@@ -92,76 +92,76 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
     """
     used = np.concatenate([[0], baseline, index])
     grams = grams[:, used[:, None], used]
-    there = np.einsum("bqq->bq", grams) > 0
-    single = there.sum(axis=0) == 1
+    acting = np.einsum("bqq->bq", grams) > 0
+    single = acting.sum(axis=0) == 1
     single[[0, *range(1 + baseline.size, used.size)]] = False
     size = np.sqrt(np.einsum("bqq->q", grams)[~single])
-    grams = np.stack([projected(one, np.flatnonzero(own & single)) for one, own in zip(grams, there, strict=True)])
+    grams = np.stack([projected(one, np.flatnonzero(own & single)) for one, own in zip(grams, acting, strict=True)])
     grams = grams[:, ~single][:, :, ~single]
-    total, both, fixed = grams.sum(axis=0), np.arange(1, size.size), np.arange(1, size.size - index.size)
+    total, extended, fixed = grams.sum(axis=0), np.arange(1, size.size), np.arange(1, size.size - index.size)
 
-    def one(block):
+    def one(block):  # of one Gram matrix (m, m)
         others = total - block
-        share, directions = _shares(block, others, both, size)
+        share, directions = _shares(block, others, extended, size)
         own = np.concatenate([np.zeros((1, np.sum(share < UNSEEN_SHARE))), directions[:, share < UNSEEN_SHARE]])
         crossed = block @ own
-        rest = block - crossed @ inverse_of(own.T @ crossed) @ crossed.T
-        return _foretold(rest, others, both, size) - _foretold(rest, others, fixed, size)
+        reduced = block - crossed @ inverse_of(own.T @ crossed) @ crossed.T
+        return _foretold(reduced, others, extended, size) - _foretold(reduced, others, fixed, size)
 
     return float(sum(one(block) for block in grams))
 
 
-def _shares(one, others, index, size):
-    """Shares (k,) of the information that the others have along independent directions (n, k) of columns of sizes."""
-    whitening = root_of((one + others)[np.ix_(index, index)], 1e-9, size[index])
-    share, turned = np.linalg.eigh(whitening.T @ others[np.ix_(index, index)] @ whitening)
-    return np.clip(share, 0.0, 1.0), whitening @ turned
+def _shares(block, others, index, size):
+    """Share (k,) of the information of block + others (m, m) that others have, by k independent directions (i, k)."""
+    whitening = root_of((block + others)[np.ix_(index, index)], 1e-9, size[index])
+    share, rotated = np.linalg.eigh(whitening.T @ others[np.ix_(index, index)] @ whitening)
+    return np.clip(share, 0.0, 1.0), whitening @ rotated
 
 
-def _foretold(one, others, index, size):
-    """Twice the log likelihood of a block predicted by the others, beyond that of a prediction of zero.
+def _foretold(block, others, index, size):
+    """Twice the log likelihood of one block predicted by the others, both Gram, beyond that of a prediction of zero.
 
     Along a direction in which the others have the share m of the information, block and others estimate
     b / (1 - m) and p, with the variances 1 / (1 - m) and 1 / m.
     """
-    share, directions = _shares(one, others, index, size)
+    share, directions = _shares(block, others, index, size)
     common = (share > UNSEEN_SHARE) & (share < 1 - 1e-9)
     m, directions = share[common], directions[:, common]
-    b, p = directions.T @ one[index, 0], directions.T @ others[index, 0] / m
+    b, p = directions.T @ block[index, 0], directions.T @ others[index, 0] / m
     return float(np.sum((b**2 - m * (b - (1 - m) * p) ** 2) / (1 - m) + np.log(m)))
 
 
 def disagreement(grams: np.ndarray, baseline: np.ndarray, place: slice, size: np.ndarray) -> tuple[float, int]:
-    """Gain, and parameters more, of a cause with its own value in every block (b, m, m) over one value for all."""
+    """Chi-square gain and extra dof of a cause with separate values in all blocks (b, m, m) over one value for all."""
     index = np.arange(place.start, place.stop)
-    present = [g for g in grams if np.any(np.diag(g)[index] > 0)]
+    acting = [g for g in grams if np.any(np.diag(g)[index] > 0)]
     width, first = index.size, 1 + baseline.size
-    wide = np.zeros((first + width * len(present),) * 2)
+    joined = np.zeros((first + width * len(acting),) * 2)
     fixed = np.append(0, baseline)
-    wide[:first, :first] = grams.sum(axis=0)[np.ix_(fixed, fixed)]
-    for k, one in enumerate(present):
+    joined[:first, :first] = grams.sum(axis=0)[np.ix_(fixed, fixed)]
+    for k, one in enumerate(acting):
         at = slice(first + k * width, first + (k + 1) * width)
-        wide[at, at] = one[np.ix_(index, index)]
-        wide[:first, at] = one[np.ix_(fixed, index)]
-        wide[at, :first] = wide[:first, at].T
-    scale = np.concatenate([np.ones(first), *(np.sqrt(np.diag(g)[index]) for g in present)])
-    apart = ratio(projected(wide, np.arange(1, first)), slice(first, wide.shape[0]), scale)
-    joint = ratio(projected(grams.sum(axis=0), baseline), place, size)
-    return apart.gain - joint.gain, apart.dof - joint.dof
+        joined[at, at] = one[np.ix_(index, index)]
+        joined[:first, at] = one[np.ix_(fixed, index)]
+        joined[at, :first] = joined[:first, at].T
+    scale = np.concatenate([np.ones(first), *(np.sqrt(np.diag(g)[index]) for g in acting)])
+    separate = ratio(projected(joined, np.arange(1, first)), slice(first, joined.shape[0]), scale)
+    common = ratio(projected(grams.sum(axis=0), baseline), place, size)
+    return separate.gain - common.gain, separate.dof - common.dof
 
 
 #: Signal-to-noise ratio at a plausible size below which a direction counts as not seen.
 UNSEEN = 3.0
-#: Bias at a plausible size, in standard deviations of the calibration, from which it is worth a word.
+#: Bias at a plausible size, in standard deviations of the calibration, from which it is reported.
 BIAS = 0.5
-#: Share of the power of a signature that is rounding when its part along the calibration parameters is taken off.
+#: Share of the power of a signature below which what the calibration parameters leave of it is rounding.
 ROUNDING = 1e-7
 
 
 def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray) -> list[Unobservable]:
-    """Directions of listed causes that vanish beside the calibration parameters, with the bias they could cause.
+    """Directions of listed causes that the calibration parameters absorb, with the bias that they could cause.
 
-    The bias is that of the first (s,) global columns of the baseline.
+    The bias is that of the first (s,) global columns, times scale (s,) to the reported unit.
     """
     total, width = problem.total, scale.size
     inverse, gram, rows = inverse_of(total[np.ix_(baseline, baseline)]), projected(total, baseline), []
@@ -170,13 +170,13 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
         if not candidate.listed or "alone" in candidate.form or candidate.local or not candidate.prior:
             continue
         prior = np.asarray(candidate.prior)
-        whole, remaining = (matrix[place, place] * np.outer(prior, prior) for matrix in (total, gram))
+        full, remaining = (matrix[place, place] * np.outer(prior, prior) for matrix in (total, gram))
         shift = (inverse @ total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
         values, vectors = np.linalg.eigh(remaining)
         for value, vector in zip(values, vectors.T, strict=True):
             bias = shift @ vector
-            left = value if value > ROUNDING * (vector @ whole @ vector) else 0.0
-            ratio, size = float(np.sqrt(left)), float(np.sqrt(bias @ precision @ bias))
+            information = value if value > ROUNDING * (vector @ full @ vector) else 0.0
+            ratio, size = float(np.sqrt(information)), float(np.sqrt(bias @ precision @ bias))
             if ratio < UNSEEN and size > BIAS:
                 shares = zip(candidate.names, vector.tolist(), strict=True)
                 direction = {n: round(v, 4) for n, v in shares if abs(v) > 0.05}
@@ -185,17 +185,17 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
 
 
 def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, tie: float) -> Separation:
-    """How well this data tells a cause, true at its fitted value, from another; apart from a chi-square of `tie` on."""
+    """Separation of a cause, true at its fitted value, from another by these data; done from a chi-square of tie on."""
     total = problem.total
     gram = projected(total, baseline)
     true, place = problem.places[index], problem.places[other]
     value = ratio(gram, true, problem.size).value
     fixed = np.concatenate([baseline, np.arange(place.start, place.stop)])
     signature = total[fixed][:, true] @ value
-    whole = np.zeros(total.shape[0])
-    whole[true] = value
-    whole[fixed] -= inverse_of(total[np.ix_(fixed, fixed)]) @ signature
-    parts = np.einsum("m,bmk,k->b", whole, problem.gram, whole)
+    combination = np.zeros(total.shape[0])
+    combination[true] = value
+    combination[fixed] -= inverse_of(total[np.ix_(fixed, fixed)]) @ signature
+    parts = np.einsum("m,bmk,k->b", combination, problem.gram, combination)
     expected = float(max(parts.sum(), 0.0))
     needed = int(np.ceil(tie / expected)) if expected > 1e-3 * tie else None
     best = problem.blocks[int(np.argmax(parts))].label if expected > 1e-6 else None

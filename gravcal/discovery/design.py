@@ -19,18 +19,18 @@ from gravcal.discovery.problem import prepare
 from gravcal.errors import refuse
 from gravcal.estimation.records import Observations, slug_of
 
-#: Share of the information of the whole library that stands in for directions that a design does not see.
+#: Share of the information of the whole library that is added to a design, so that its inverse exists.
 LOOSE = 1e-9
-#: Weight of a pair of causes that is not separated, beside the logarithm of the trace.
+#: Weight of a pair of causes that is not separated, against the log trace of the covariance.
 INSISTENCE = 10.0
 
 
 @dataclass(frozen=True)
 class Flown:
-    """What the manoeuvres of one flight tell."""
+    """Information of the k manoeuvres of one flight on calibration parameters and causes."""
 
     information: np.ndarray  #: (k, p, p) of each on the parameters of the calibration as it is estimated
-    #: (k, m, m) products of the whitened columns that discovery sees, own ones projected out: parameters, causes
+    #: (k, m, m) products of the whitened columns of discovery, local ones projected out: parameters, causes
     gram: np.ndarray
     item: np.ndarray  #: (k,) number of the manoeuvre in the list of what was planned
     parameters: Sequence[str]  #: (p,) names of those of the calibration
@@ -38,11 +38,11 @@ class Flown:
     scale: np.ndarray  #: (p,) factor to that unit
     causes: dict[str, slice]  #: {slug: slice of its columns}
     prior: dict[str, np.ndarray]  #: {slug: plausible sizes}
-    size: np.ndarray  #: (m,) norm of the columns, to which what is seen is compared
+    size: np.ndarray  #: (m,) norm of the columns, the scale of what a fit leaves of them
 
 
 def flown(observed: Observations, information, times: Sequence, items: Sequence[int], causes=()) -> Flown:
-    """What each manoeuvre of a flight tells of the parameters and of some causes, slugs of the catalogue.
+    """Flown: information of each manoeuvre of a flight on the parameters and on some causes, catalogue slugs.
 
     The blocks of the manoeuvres stand first, in order of time, as their information (k, p, p) in the calibration does;
     times are begin and end, GPS s, of each that was flown, items its number in the plan.
@@ -58,9 +58,9 @@ def flown(observed: Observations, information, times: Sequence, items: Sequence[
     ]
     used, numbers = np.array(pairs, dtype=int).reshape(-1, 2).T
     width = len(observed.parameters)
-    wide = 1 + observed.blocks[0].global_columns.shape[1]
-    kept = np.concatenate([np.arange(1, 1 + width), np.arange(wide, problem.gram.shape[1])])
-    moved = [slice(place.start - wide + width, place.stop - wide + width) for place in problem.places]
+    first_cause = 1 + observed.blocks[0].global_columns.shape[1]
+    kept = np.concatenate([np.arange(1, 1 + width), np.arange(first_cause, problem.gram.shape[1])])
+    slices = [slice(place.start - first_cause + width, place.stop - first_cause + width) for place in problem.places]
     return Flown(
         np.asarray(information)[used],
         problem.gram[np.ix_(used, kept, kept)],
@@ -68,26 +68,26 @@ def flown(observed: Observations, information, times: Sequence, items: Sequence[
         observed.parameters,
         observed.unit,
         np.asarray(observed.scale, dtype=float),
-        dict(zip(causes, moved, strict=True)),
+        dict(zip(causes, slices, strict=True)),
         {slug: np.asarray(one.prior, dtype=float) for slug, one in zip(causes, candidates, strict=True)},
         problem.size[kept],
     )
 
 
 def _candidates(observed, causes):
-    """Widest candidate of each cause."""
-    every = {slug_of(one.cause): one for one in sorted(observed.candidates, key=lambda one: len(one.names))}
+    """Candidate with most parameters of each cause, in their order; refuses causes without plausible sizes."""
+    widest = {slug_of(one.cause): one for one in sorted(observed.candidates, key=lambda one: len(one.names))}
     for slug in causes:
-        if slug not in every or not len(every[slug].prior):
-            known = ", ".join(sorted(name for name, one in every.items() if len(one.prior)))
+        if slug not in widest or not len(widest[slug].prior):
+            offered = ", ".join(sorted(name for name, one in widest.items() if len(one.prior)))
             refuse(
-                f"cause {slug}", f"that {observed.name} does not look for it", f"one of {known}", "Correct the name."
+                f"cause {slug}", f"that {observed.name} does not look for it", f"one of {offered}", "Correct the name."
             )
-    return [every[slug] for slug in causes]
+    return [widest[slug] for slug in causes]
 
 
 def apart(observed: Observations, causes: Sequence[str]) -> dict[tuple[str, str], float]:
-    """{pair of causes: least expected chi-square either way} in a whole session, what is fitted beside them free."""
+    """{pair of causes: expected chi-square, lesser of both ways} in a whole session, global parameters free."""
     candidates = _candidates(observed, causes)
     problem = prepare(observed.blocks, candidates)
     gram = attribution.projected(problem.total, np.arange(1, problem.shared.stop))
@@ -97,9 +97,9 @@ def apart(observed: Observations, causes: Sequence[str]) -> dict[tuple[str, str]
 
 
 def _apart(gram, size, prior, places, pairs):
-    """{pair: least expected chi-square either way} where one acts at its plausible size and the other is fitted."""
+    """{pair: expected chi-square, lesser of both ways} of one acting at its plausible size and the other fitted."""
 
-    def left(true, fitted):
+    def left(true, fitted):  # expected chi-square, summed over the parameters of the true one
         sizes = np.diag(prior[true])
         return sum(max(attribution.misfit(gram, places[true], one, places[fitted], size), 0.0) for one in sizes)
 
@@ -107,19 +107,19 @@ def _apart(gram, size, prior, places, pairs):
 
 
 def weight(flight: Flown, counts: np.ndarray) -> np.ndarray:
-    """Weight (k,) of each flown manoeuvre in a design with so many (n,) of each; those flown twice share theirs."""
+    """Weight (k,) of each flown manoeuvre in a design with counts (n,) of those planned; repeats share theirs."""
     return (counts / np.maximum(np.bincount(flight.item, minlength=counts.size), 1))[flight.item]
 
 
 def covariance(flight: Flown, counts: np.ndarray) -> np.ndarray:
-    """Covariance (p, p) of the parameters in the reported unit, from the noise alone."""
+    """Covariance (p, p) of the parameters in the reported unit for a design with counts (n,), noise alone."""
     loose = LOOSE * np.diag(np.diag(flight.information.sum(axis=0)))
     information = np.tensordot(weight(flight, counts), flight.information, axes=1)
     return np.outer(flight.scale, flight.scale) * np.linalg.inv(information + loose)
 
 
 def odds(chi2: float, tied: float) -> float:
-    """Probability that two causes are told apart, from their expected chi-square and that below which they are tied.
+    """Probability that two causes are separated, from their expected chi-square and that below which they are tied.
 
     The log-likelihood ratio of the true to the other one has mean chi2 and variance 4 chi2.
     """
@@ -127,13 +127,13 @@ def odds(chi2: float, tied: float) -> float:
 
 
 def needed(probability: float, tied: float) -> float:
-    """Expected chi-square that tells two causes apart with a probability."""
+    """Expected chi-square at which two causes are separated with a probability; the inverse of `odds`."""
     quantile = norm.ppf(probability)
     return float((quantile + np.sqrt(quantile**2 + tied)) ** 2)
 
 
 def pooled(flights: Sequence[Flown]) -> Flown:
-    """All flights of a library as one, in which each manoeuvre tells their mean."""
+    """All flights of a library as one Flown, in which each manoeuvre has the mean information of its flights."""
     first = flights[0]
     join = lambda name: np.concatenate([getattr(one, name) for one in flights])  # noqa: E731
     size = np.sqrt(sum(one.size**2 for one in flights))
@@ -141,7 +141,7 @@ def pooled(flights: Sequence[Flown]) -> Flown:
 
 
 def judged(flight: Flown, counts: np.ndarray, pairs: Sequence[tuple[str, str]] = ()):
-    """Covariance (p, p) of a design, and {pair: least expected chi-square either way}."""
+    """Covariance (p, p) of a design with counts (n,), and {pair: expected chi-square, lesser of both ways}."""
     if not pairs:
         return covariance(flight, counts), {}
     gram = np.tensordot(weight(flight, counts), flight.gram, axes=1)
@@ -150,21 +150,21 @@ def judged(flight: Flown, counts: np.ndarray, pairs: Sequence[tuple[str, str]] =
 
 
 def short(apart: Mapping, chi2: float) -> float:
-    """How much a design is to be blamed for pairs of causes that do not reach an expected chi-square."""
+    """Penalty on a design, in its log trace, for pairs of causes that do not reach an expected chi-square."""
     return INSISTENCE * sum(max(np.log(chi2 / max(expected, 1e-6)), 0.0) for expected in apart.values())
 
 
 def chosen(flight: Flown, count: int, allowed: np.ndarray, pairs=(), chi2: float = 0.0, fits=None) -> np.ndarray:
     """Number (n,) of each manoeuvre in the best design of so many found, of a library of n, each allowed (n,) times.
 
-    Pairs of causes are to reach an expected chi-square; `fits` says of numbers (n,) whether they may be flown together.
+    Pairs of causes should reach an expected chi-square; `fits` is True of counts (n,) that may be flown together.
     """
 
-    def loss(counts):
-        spread, apart = judged(flight, counts, pairs)
-        return np.log(np.trace(spread)) + short(apart, chi2)
+    def loss(counts):  # log trace of the covariance and penalty of pairs
+        spread, separations = judged(flight, counts, pairs)
+        return np.log(np.trace(spread)) + short(separations, chi2)
 
-    def best(options):
+    def best(options):  # counts of least loss that are allowed and fit, None if none
         options = [one for one in options if np.all(one <= allowed)]
         return next((one for one in sorted(options, key=loss) if fits is None or fits(one)), None)
 

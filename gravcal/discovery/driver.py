@@ -43,7 +43,7 @@ from gravcal.estimation.records import (
 )
 
 TIED_ODDS = 100.0  # of evidence, below which two causes are tied
-BIASED = 0.1  # of the error of a result, from which a bias is worth a word
+BIASED = 0.1  # of the error of a result, from which a bias is reported
 
 
 @dataclass(frozen=True)
@@ -58,18 +58,18 @@ class Limits:
 
 
 def discover(observed: Observations | None, limits: Limits) -> xr.Dataset:
-    """What the model of an event gets wrong, and why: Dataset of kind discovery, its summary as quantities."""
+    """Dataset of kind discovery: residuals, adequacy and named causes of an event, the outcome as quantities."""
     if observed is None:
-        values = {name: [] for name, stated in DISCOVERY.items() if not stated.get("optional") and name not in SCHEMA}
+        values = {name: [] for name, spec in DISCOVERY.items() if not spec.get("optional") and name not in SCHEMA}
         return tabled(_dataset(values, channels="", blocks=""), {"status": "no_manoeuvre"})
     return _product(observed, limits, *_searched(observed, limits, ()))
 
 
 def discover_again(observed: Observations | None, limits: Limits, first: xr.Dataset, model: Sequence[Entry]):
-    """The search anew, in records without what a first search has found, so that second order is left by none of it.
+    """Dataset of a second search, in records without the effects that the first found: no second-order rest of them.
 
     The effects are added to the rows again in their linear form, so that the search finds them whole, with their errors
-    by the noise that is left. The model is that of the first search; what describes the record worse is not taken.
+    by the noise that is left. The model is that of the first search, whose Dataset is kept if the second fits worse.
     """
     before = outcome.outcome_of(first)
     gains = [(one.cause, one.heldout_gain.in_sample_chi2) for one in before.findings] if before else []
@@ -100,26 +100,26 @@ def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
 
 
 def with_limits(search: xr.Dataset, observed: Observations | None, limits: Limits, say: Callable):
-    """Product of a search, with the detection limits of its event among its numbers; `say` is told how far it is."""
+    """Product of a search, with the detection limits of its event as quantities; `say` is called with progress."""
     if observed is None:
         return search
-    left = np.column_stack([search["residual_after"].values, search["found_columns"].values])
-    left = np.split(left, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
-    rows = detection_limits(observed, left, _choice(observed, limits), say)
+    parts = np.column_stack([search["residual_after"].values, search["found_columns"].values])
+    parts = np.split(parts, np.cumsum([block.observed.size for block in observed.blocks])[:-1])
+    rows = detection_limits(observed, parts, _choice(observed, limits), say)
     return tabled(search, replace(outcome.outcome_of(search), limits=tuple(rows)))
 
 
 def _choice(observed, limits):
-    """Settings of the rounds in the observations."""
-    known = limits.level, limits.tie, limits.rounds, observed.step, observed.tones, limits.segment_s
-    return Choice(*known, observed.quiet, observed.noise_order, observed.spectra, observed.periods)
+    """Choice, settings of the rounds, from the Observations of a calibration and the Limits."""
+    settings = limits.level, limits.tie, limits.rounds, observed.step, observed.tones, limits.segment_s
+    return Choice(*settings, observed.quiet, observed.noise_order, observed.spectra, observed.periods)
 
 
 def _searched(observed, limits, model, first=None):
-    """Result of a search in the observations with the effects of a model added, and its outcome.
+    """Result of a search in the observations with the effects of a model added, and its Outcome.
 
     A strong effect added in its linear form is not quite what the records hold: the calibration of the records as they
-    are, which stays where nothing is adopted, and what they tell apart, are those of the first search.
+    are, which stays where nothing is adopted, and the causes they separate, are those of the first search.
     """
     added, choice = [observed.response(entry) for entry in model], _choice(observed, limits)
     rows = [replace(b, observed=b.observed + sum(one[k] for one in added)) for k, b in enumerate(observed.blocks)]
@@ -131,8 +131,8 @@ def _searched(observed, limits, model, first=None):
         shared = np.append(before / observed.scale - observed.start, result.shared[0][count:])
         whole = replace(result, shared=(shared, result.shared[1]))
     averaged = delivered(whole, choice, count)
-    search_outcome, weighed = summary(averaged, choice, observed, waves), observed.weighed()
-    odds = {row.cause: row.log_odds for row in weighed}
+    search_outcome, evidence = summary(averaged, choice, observed, waves), observed.weighed()
+    odds = {row.cause: row.log_odds for row in evidence}
     findings = [*(_tied(one, odds) for one in search_outcome.findings[:1]), *search_outcome.findings[1:]]
     calibrated = observed.scale * (observed.start + _without_model(result, observed, findings))
     if first and not any(one.adopted for one in findings):
@@ -142,12 +142,12 @@ def _searched(observed, limits, model, first=None):
     named = {one.cause for one in findings}
     hidden = [one for one in _beside(result.problem, observed, count) if one.cause not in named]
     hidden = [*search_outcome.indistinguishable_from_calibration, *hidden]
-    made = {"findings": findings, "weighed": tuple(weighed), "indistinguishable_from_calibration": hidden}
-    return result, replace(search_outcome, calibration_change=change, **made)
+    changes = {"findings": findings, "weighed": tuple(evidence), "indistinguishable_from_calibration": hidden}
+    return result, replace(search_outcome, calibration_change=change, **changes)
 
 
 def _told_apart(result, first):
-    """Result whose findings are tied with no more than in a first search that named the same."""
+    """Result whose findings keep only the ties that a first search, an Outcome, had for the same cause."""
     findings, ties = [], {one.cause: {*one.tied_with} for one in first.findings}
     for one in result.findings:
         near = ties.get(slug_of(one.cause), {*map(slug_of, one.tied), *(slug_of(row.cause) for row in one.imitators)})
@@ -158,34 +158,34 @@ def _told_apart(result, first):
 
 
 def _tied(finding, odds):
-    """Finding, tied with what the evidence {cause: logarithm of the odds} of each cause alone does not set apart."""
-    own = odds.get(finding.cause, np.inf)
-    near = [c for c, other in odds.items() if c != finding.cause and other > max(own - np.log(TIED_ODDS), 0.0)]
-    return replace(finding, tied_with=[*dict.fromkeys([*finding.tied_with, *near])])
+    """NamedCause, tied also with causes whose evidence {cause: log odds} is within TIED_ODDS of its own."""
+    log_odds = odds.get(finding.cause, np.inf)
+    close = [c for c, other in odds.items() if c != finding.cause and other > max(log_odds - np.log(TIED_ODDS), 0.0)]
+    return replace(finding, tied_with=[*dict.fromkeys([*finding.tied_with, *close])])
 
 
 def _without_model(result, observed, findings):
-    """Shared parameters (p,) from the rows less what a model of the adopted findings takes out of the records.
+    """Calibration parameters (p,) from the rows less what a model of the adopted findings removes from the records.
 
-    What was named between the forms and epochs of the search is taken as it was fitted; lines stay in the records.
+    A finding between the forms and epochs of the candidates is removed as it was fitted; lines stay in the records.
     """
     problem, columns = result.problem, baseline_of(result.problem, ())
     lines = {*observed.tones.values(), *(one.cause for one in observed.lines)}
     added = [np.zeros(block.observed.size) for block in problem.blocks]
     for finding, one in zip(findings, result.findings, strict=True):
         effects = [observed.response(entry) for entry in finding.entries if finding.adopted]
-        mine = problem.candidates[one.index]
-        between = (mine.shape is not None or mine.cause != slug_of(mine.cause)) and slug_of(mine.cause) not in lines
+        named = problem.candidates[one.index]
+        between = (named.shape is not None or named.cause != slug_of(named.cause)) and slug_of(named.cause) not in lines
         if effects and between and not any(np.any(rows) for effect in effects for rows in effect):
             value = np.nan_to_num(one.value)
-            effects = [[0.0 if c is None else c @ value for c in mine.columns]]
+            effects = [[0.0 if c is None else c @ value for c in named.columns]]
         added = [sum(rows) for rows in zip(added, *effects, strict=True)]
     right = sum(c.of(columns).T @ row for c, row in zip(problem.columns, added, strict=True))
     return (result.shared[0] - inverse_of_baseline(problem, columns) @ right)[: observed.scale.size]
 
 
 def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, seed: int) -> tuple[Result, set]:
-    """Result of the rounds in the blocks of the observations, and the forms of lines.
+    """Result of the rounds in whitened rows, as blocks, and the set of the forms of the lines that were tried.
 
     Lines are looked for in what the rounds leave before any of it is called an excess, those that gain more than what
     was named first in what there was before, and what happens at an epoch again near it, so that what an epoch half a
@@ -193,30 +193,30 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     """
     state = begun(rows, observed.candidates, choice, random_source(seed, rows))
     result = concluded(state, replace(choice, excess=False))
-    each = replace(choice, level=choice.level / max(len(observed.lines), 1))
-    lines = [line for one in observed.lines for line in joint_lines(result, observed, one, each)]
+    split = replace(choice, level=choice.level / max(len(observed.lines), 1))
+    lines = [line for one in observed.lines for line in joint_lines(result, observed, one, split)]
     if result.findings:
         unnamed = replace(result, after=result.before, baseline=baseline_of(result.problem, ()))
-        stronger = [joint_lines(unnamed, observed, one, each, result.first[0].score) for one in observed.lines]
+        stronger = [joint_lines(unnamed, observed, one, split, result.first[0].score) for one in observed.lines]
         lines += [line for some in stronger for line in some if line.form not in {one.form for one in lines}]
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
     if lines or steps or result.after.excess_p < choice.excess_level:
         near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
-        if more := [*near, *lines]:
-            state = begun(rows, [*observed.candidates, *more], choice, random_source(seed, rows), result.before)
+        if added := [*near, *lines]:
+            state = begun(rows, [*observed.candidates, *added], choice, random_source(seed, rows), result.before)
         result = concluded(state, choice)
     return result, {one.form for one in lines}
 
 
 def _fitted(result, position):
-    """A finding in the form that was named, as the calibration is asked about it."""
+    """Fitted cause of the finding at a position, as `Observations.near` and `Observations.physical` take it."""
     one = result.findings[position]
     candidate = result.problem.candidates[one.index]
     return Fitted(candidate, one.value, one.sigma, result.after.rest, result.problem.bases)
 
 
 def _entries(result: Result, position: int, observed, waves) -> tuple[Entry, Entry]:
-    """A finding with its parameters as the effect of the catalogue has them: to be told, and for a model."""
+    """Entry of a finding with catalogue parameters, as reported and as a model takes it out; waves: forms of lines."""
     one, fitted = result.findings[position], _fitted(result, position)
     values = zip(one.names, one.value.tolist(), one.sigma.tolist(), one.units, strict=True)
     parameters, entry = {n: Parameter(v, s, u) for n, v, s, u in values}, Entry(slug_of(one.cause), one.form, {})
@@ -239,12 +239,12 @@ def _entries(result: Result, position: int, observed, waves) -> tuple[Entry, Ent
     if spacing is not None:
         parameters["time"] = _epoch(result, position, spacing)
     where = {n: p for n, p in parameters.items() if n in ("time", "frequency")}
-    both = parameters, named_parameters(result, position) | where
-    return tuple(observed.physical(replace(entry, parameters=known), fitted) for known in both)
+    variants = parameters, named_parameters(result, position) | where
+    return tuple(observed.physical(replace(entry, parameters=known), fitted) for known in variants)
 
 
 def _epoch(result, position, width):
-    """Epoch of a step: mean and spread under the likelihood of the epochs that were tried near it."""
+    """Epoch Parameter s of a step: mean and sigma under the likelihood of the epochs tried within width s of it."""
     problem, index = result.problem, result.findings[position].index
     others = [one.index for k, one in enumerate(result.findings) if k != position]
     gram = attribution.projected(problem.total, baseline_of(problem, others))
@@ -258,11 +258,11 @@ def _epoch(result, position, width):
 
 
 def _beside(problem: Problem, observed: Observations, count: int) -> list[Unobservable]:
-    """Effects that these data do not show at a plausible size, and that move a result beside the parameters."""
+    """[Unobservable] effects that bias a result beside the parameters and, at plausible size, have no clear S/N."""
     gram, rows = attribution.projected(problem.total, baseline_of(problem, ())), []
-    alone = [(c, place.start) for c, place in zip(problem.candidates, problem.places, strict=True)]
+    starts = [(c, place.start) for c, place in zip(problem.candidates, problem.places, strict=True)]
     for one in observed.biased():
-        known = (pair for pair in alone if [pair[0].cause, *pair[0].names] == [one.cause, *one.direction])
+        known = (pair for pair in starts if [pair[0].cause, *pair[0].names] == [one.cause, *one.direction])
         candidate, k = next(known, (None, 0))
         observable = candidate and gram[k, k] > ROUNDING * problem.total[k, k]
         ratio = float(candidate.prior[0] * np.sqrt(gram[k, k])) if observable else 0.0
@@ -272,12 +272,12 @@ def _beside(problem: Problem, observed: Observations, count: int) -> list[Unobse
 
 
 def _product(observed, limits, result, search_outcome):
-    """Product of a search, with the reading that each finding helps most and the columns of what was found."""
+    """Dataset of a search, with the reading that each finding helps most and the columns (n, q) of what was found."""
     without, rows = [], observed_rows(result.problem)
     for one in result.findings:
         others = [other.index for other in result.findings if other is not one]
-        rest = residuals_of(result.problem, baseline_of(result.problem, others), rows)
-        without.append([part[:, 0] for part in rest])
+        residuals = residuals_of(result.problem, baseline_of(result.problem, others), rows)
+        without.append([part[:, 0] for part in residuals])
     columns = [part.of(result.baseline[result.problem.shared.stop - 1 :]) for part in result.problem.columns]
     channels = observed.readable or observed.channels
     ends = np.cumsum([len(result.problem.candidates[one.index].names) for one in result.findings])
@@ -295,10 +295,10 @@ PEAKS, FINE, BETWEEN, LEFT = 4, np.arange(-1.0, 1.01, 1 / 16), 1.5, 0.5
 
 
 def joint_lines(result: Result, observed: Observations, search: LineSearch, choice, least=0.0) -> list[Candidate]:
-    """Lines in what a search without them has left, those that are significant by themselves and gain so much.
+    """Candidates of lines in the residual of a search, significant by themselves and of a score above least.
 
-    A line has one phase in all blocks of a group: with phases of their own any slow shape is one. What local columns
-    leave of a slow line is no line any more, and the same as they leave of any other.
+    A line has one phase in all blocks of a group: with free phases any slow shape is one. What local columns leave of a
+    slow line is no line any more, and the same as they leave of any other.
     """
     groups, wave = observed.groups, observed.wave(search)
     shape = lambda hertz: side_by_side([wave(k, hertz) for k in range(len(groups))], groups)  # noqa: E731
@@ -307,21 +307,21 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
         return []
     joint = np.flatnonzero((spectrum.place == search.axis) & offered(spectrum, choice.periods))
     at, score = spectrum.at[joint], (spectrum.gain[:, 0] - 2 * spectrum.dof)[joint]
-    step, kept, around = float(np.median(np.diff(at))), [], np.pad(score, 1, constant_values=-np.inf)
-    tops = np.flatnonzero((score > around[:-2]) & (score > around[2:]))  # a slow line has few cycles, others beside it
+    step, kept, padded = float(np.median(np.diff(at))), [], np.pad(score, 1, constant_values=-np.inf)
+    peaks = np.flatnonzero((score > padded[:-2]) & (score > padded[2:]))  # a slow line has few cycles, others beside it
     times = [block.time[block.channel == search.channel] for block in observed.blocks]
     whole = [np.concatenate([t for t, g in zip(times, groups, strict=True) if g == group]) for group in set(groups)]
-    apart = 1 / (4 * max(np.ptp(one) for one in whole if one.size))
+    spacing = 1 / (4 * max(np.ptp(one) for one in whole if one.size))
 
-    def counts(gain, dof):
-        chance = chi2_tail.log_tail(gain, dof, choice.freedom) + np.log(at.size * step / (2 * apart * SHARES["line"]))
+    def counts(gain, dof):  # True if significant after correction for the frequencies tried
+        chance = chi2_tail.log_tail(gain, dof, choice.freedom) + np.log(at.size * step / (2 * spacing * SHARES["line"]))
         return chance < np.log(choice.level) and gain - COST * dof > least
 
     gained = lambda hertz: _gain(result, shape(hertz)[0], [time.size > 0 for time in times])  # noqa: E731
-    for peak in at[tops[np.argsort(-score[tops])[:PEAKS]]]:
-        gain, dof, best = max((*gained(one), one) for one in np.arange(peak - step, peak + 1.01 * step, apart))
+    for peak in at[peaks[np.argsort(-score[peaks])[:PEAKS]]]:
+        gain, dof, best = max((*gained(one), one) for one in np.arange(peak - step, peak + 1.01 * step, spacing))
         if counts(BETWEEN * gain, dof):
-            grid = best + apart * FINE
+            grid = best + spacing * FINE
             gains = [gained(one) for one in grid]
             if counts(*max(gains)):
                 kept.append(_line(grid, np.array([g for g, _ in gains]), shape, search))
@@ -329,11 +329,11 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
 
 
 def _gain(result, columns, here):
-    """Chi-square gained, by how many parameters, all others free; none if they leave little in blocks (b,) `here`."""
+    """Chi-square gain and dof of columns [(n, q)], baseline free; 0, 1 if little is left in blocks here (b,)."""
     problem, baseline = result.problem, result.baseline
     clean = [c - q @ (q.T @ c) for c, q in zip(columns, problem.bases, strict=True)]
-    size, left = (sum(np.sum(c**2) for c in itertools.compress(part, here)) for part in (columns, clean))
-    if left <= LEFT * size:
+    size, remaining = (sum(np.sum(c**2) for c in itertools.compress(part, here)) for part in (columns, clean))
+    if remaining <= LEFT * size:
         return 0.0, 1
     cross = sum(b.of(baseline).T @ c for b, c in zip(problem.columns, clean, strict=True))
     inner = sum(c.T @ c for c in clean) - cross.T @ inverse_of_baseline(problem, baseline) @ cross
@@ -343,7 +343,7 @@ def _gain(result, columns, here):
 
 
 def _line(grid, gains, shape, search):
-    """Line at the mean frequency under the likelihood of the grid; its parameters have the unit of the channel."""
+    """Candidate of a line at the mean frequency under the likelihood of gains (k,) on grid (k,) Hz, channel unit."""
     at, sigma = attribution.likely(grid, gains, grid[1] - grid[0])
     columns, used = shape(at)
     names = [f"{part}_{k}" for k in range(used.size // 2) for part in ("cosine", "sine")]
@@ -354,13 +354,13 @@ def _line(grid, gains, shape, search):
 
 
 def _dataset(values, **attrs):
-    """Dataset with the variables of the schema that have values."""
-    made = {}
+    """Dataset of {variable: values}, with dims, dtype and labels of the schema DISCOVERY."""
+    arrays = {}
     for name in (name for name in DISCOVERY if name in values):
-        stated = DISCOVERY[name]
-        labels = {label: stated[label] for label in ("units", "long_name") if label in stated}
-        made[name] = (stated["dims"].split(), np.asarray(values[name], dtype=stated.get("dtype", "f8")), labels)
-    return xr.Dataset(made, attrs={"time_scale": "GPS"} | attrs)
+        spec = DISCOVERY[name]
+        labels = {label: spec[label] for label in ("units", "long_name") if label in spec}
+        arrays[name] = (spec["dims"].split(), np.asarray(values[name], dtype=spec.get("dtype", "f8")), labels)
+    return xr.Dataset(arrays, attrs={"time_scale": "GPS"} | attrs)
 
 
 def dataset(result: Result, search_outcome: outcome.Outcome, channels: Sequence[str], reading: Mapping) -> xr.Dataset:
@@ -390,7 +390,7 @@ def dataset(result: Result, search_outcome: outcome.Outcome, channels: Sequence[
 
 
 def summary(result: Result, choice: Choice, observed: Observations, waves=()) -> outcome.Outcome:
-    """Outcome of a search with its lines, by their forms; NaN where not determined, causes without epochs."""
+    """Outcome of a search; waves are the forms of its lines; NaN where not determined, causes without epochs."""
     before, after, tried = result.before, result.after, {}
     for one in result.first:
         cause = slug_of(one.cause)
@@ -401,16 +401,17 @@ def summary(result: Result, choice: Choice, observed: Observations, waves=()) ->
     adequate = before.adequate(choice.level), after.adequate(choice.level)
     chances = before.p, after.p, before.quiet, after.quiet, choice.level
     findings = [_named(result, k, choice, observed, waves) for k in range(len(result.findings))]
-    left = _unexplained(after) if after.p < choice.level else outcome.Unexplained()
+    unexplained = _unexplained(after) if after.p < choice.level else outcome.Unexplained()
     moved = _change(result, observed), _gained(result)
-    named = result.outliers, findings, hidden, left, *moved, [*tried.values()], observed.expected
+    named = result.outliers, findings, hidden, unexplained, *moved, [*tried.values()], observed.expected
     return outcome.Outcome(*adequate, *chances, *named)
 
 
 def _named(result: Result, position: int, choice: Choice, observed, waves) -> outcome.NamedCause:
+    """NamedCause of the finding at a position, with its parameters as reported and as a model takes it out."""
     finding, (report, model) = result.findings[position], _entries(result, position, observed, waves)
     tied = dict.fromkeys(map(slug_of, [*finding.tied, *(one.cause for one in finding.imitators)]))
-    apart = {slug_of(one.cause): replace(one, cause=slug_of(one.cause)) for one in finding.separation}
+    separations = {slug_of(one.cause): replace(one, cause=slug_of(one.cause)) for one in finding.separation}
     entry = report.cause, report.form, report.parameters, model.waves or report.waves, model.leads or report.leads
     return outcome.NamedCause(
         *entry,
@@ -422,13 +423,13 @@ def _named(result: Result, position: int, choice: Choice, observed, waves) -> ou
         level=choice.level,
         heldout=finding.kind if observed.whole_manoeuvres or finding.cause == EXCESS else "blocks",
         heldout_gain=outcome.HeldoutGain(finding.heldout, finding.gain, finding.dof),
-        separation=[one for name, one in apart.items() if name != report.cause],
+        separation=[one for name, one in separations.items() if name != report.cause],
         imitators=finding.imitators,
     )
 
 
 def _unexplained(after):
-    """Worst bands, lines and steps of what is left."""
+    """Unexplained part of a Test: its five least likely bands, and the best line or step of each scan."""
     scans = []
     for one in after.scans:
         best = int(np.argmax(one.gain[:, 0] - one.dof))
@@ -438,55 +439,55 @@ def _unexplained(after):
 
 
 def _change(result, observed):
-    """Parameters of the calibration before and after, in their reported unit."""
+    """Change of the calibration parameters by a search, in their reported unit."""
     scale, start, count = observed.scale, observed.start, observed.scale.size
-    (before, after), (old, new) = ([part[:count] for part in both] for both in (result.shared, result.sigma))
-    extra = (result.covariance[1] - result.covariance[0])[:count, :count]
+    (before, after), (old, new) = ([part[:count] for part in pair] for pair in (result.shared, result.sigma))
+    increase = (result.covariance[1] - result.covariance[0])[:count, :count]
     rows = [scale * row for row in (start + before, old, start + after, new, after - before)]
-    rows += [(after - before) / np.where(old > 0, old, np.inf), np.outer(scale, scale) * extra]
+    rows += [(after - before) / np.where(old > 0, old, np.inf), np.outer(scale, scale) * increase]
     words = observed.parameters, observed.unit, "joint fit"
     return outcome.Change(*words, *(row.tolist() for row in rows), correction=())
 
 
 def _gained(result):
-    """Chi-square, likelihood and criterion before and after, rms of the whitened residuals by channel."""
+    """Gain: chi-square, log likelihood and BIC before and after, rms of the whitened residuals by channel."""
     (before, after), count = result.chi2, result.problem.samples.sum()
-    more = result.baseline.size - (result.problem.shared.stop - result.problem.shared.start)
-    heldout, bic = float(sum(f.heldout for f in result.findings)), after - before + more * float(np.log(max(count, 1)))
+    extra = result.baseline.size - (result.problem.shared.stop - result.problem.shared.start)
+    heldout, bic = float(sum(f.heldout for f in result.findings)), after - before + extra * float(np.log(max(count, 1)))
     rms = [_rms(result.problem.blocks, test.rest) for test in (result.before, result.after)]
-    return outcome.Gain(before, after, result.dof, result.dof - more, heldout, -before / 2, -after / 2, bic, *rms)
+    return outcome.Gain(before, after, result.dof, result.dof - extra, heldout, -before / 2, -after / 2, bic, *rms)
 
 
-def _rms(blocks, rest):
-    """Rms of the whitened residual of each channel over the rows that carry weight; one is the noise."""
+def _rms(blocks, residuals):
+    """{channel: rms} of the whitened residual over the rows that carry weight; one is the noise."""
     rms = {}
     for channel in dict.fromkeys(str(c) for b in blocks for c in b.channel):
-        values = np.concatenate([r[b.channel == channel] for b, r in zip(blocks, rest, strict=True)])
+        values = np.concatenate([r[b.channel == channel] for b, r in zip(blocks, residuals, strict=True)])
         values = values[values != 0]
         rms[channel] = float(np.sqrt(np.mean(values**2))) if values.size else np.nan
     return rms
 
 
-#: Rows of a channel and block below which they are no curve.
+#: Number of rows of a channel in a block, below which they are not plotted as a curve.
 CURVE = 60
-#: Chi-square that a finding has to gain there to be seen at all.
+#: Chi-square that a finding has to gain there to be visible in a plot.
 CLEAR = 10.0
 
 
 def clearest(
     result: Result, channels: Sequence[str], level: float, without: Sequence, acts: Sequence = ()
 ) -> list[outcome.Shown]:
-    """For each finding the channel, block and axis whose rows it helps most; none where it helps no curve.
+    """Channel, block and axis whose chi-square each finding lowers most, none where that is not CLEAR.
 
-    `without` are, for each finding, the residuals (n,) that the extended model without it leaves of each block; `acts`
-    says whether it acts there. Where nothing was named and the baseline is not adequate, the place of the least likely
+    `without`: for each finding, the residuals (n,) of each block by the extended model without it; `acts`: True if it
+    acts there. Where nothing was named and the baseline is not adequate, the place of the least likely
     band.
     """
     places = []
-    for number, rest in enumerate(without):
+    for number, residuals in enumerate(without):
         drops = {}
         for k, block in enumerate(result.problem.blocks):
-            drop = rest[k] ** 2 - result.after.rest[k] ** 2
+            drop = residuals[k] ** 2 - result.after.rest[k] ** 2
             drop = drop if not acts or acts[number][k] else np.zeros_like(drop)
             for channel in (c for c in channels if np.sum(block.channel == c) >= CURVE):
                 size = np.bincount(block.axis, np.where(block.channel == channel, drop, 0.0))
@@ -499,9 +500,9 @@ def clearest(
     labels = {b.label: k for k, b in enumerate(result.problem.blocks)}
     for row in sorted(result.before.rows, key=lambda r: r.p):
         k = labels[row.block]
-        here = result.problem.blocks[k].channel == row.channel
-        if row.channel in channels and here.sum() >= CURVE:
-            size = np.bincount(result.problem.blocks[k].axis, np.where(here, result.before.rest[k] ** 2, 0.0))
+        rows_here = result.problem.blocks[k].channel == row.channel
+        if row.channel in channels and rows_here.sum() >= CURVE:
+            size = np.bincount(result.problem.blocks[k].axis, np.where(rows_here, result.before.rest[k] ** 2, 0.0))
             return [outcome.Shown(-1, row.channel, row.block, int(size.argmax()))]
     return []
 
@@ -509,11 +510,10 @@ def clearest(
 def variables(
     result: Result, places: Sequence[outcome.Shown], reading_of: Callable, without: Sequence, contiguous: bool = False
 ) -> dict[str, np.ndarray]:
-    """Variables of the product by channel for what is shown, one finding after the other, less the mean measured.
+    """{variable: values} of the product by channel for the places shown, in order of findings, less the mean measured.
 
-    `reading_of` gives, of a channel, the number of a block and rows (n, 3), the time (m,) s, the reading (m, a) that
-    the observed rows are the difference to, and the rows (3, m, a) in its unit; of the rows of all blocks if
-    `contiguous`.
+    `reading_of` takes channel, block number and rows (n, 3), of all blocks if contiguous, to time (m,) s, reading
+    (m, a) that the baseline predicts, and the rows (3, m, a) in its unit.
     """
     made: dict[str, list[np.ndarray]] = {}
     observed = [block.observed for block in result.problem.blocks]

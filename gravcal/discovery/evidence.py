@@ -1,6 +1,6 @@
-"""What an event tells a search over many: products of its whitened columns, and quantities that causes may follow.
+"""Evidence of an event for a search over many: Gram of its whitened columns, quantities that causes may follow.
 
-Kept apart from the search, so that a change of that makes nothing of this again.
+Kept apart from the search, so that a change of the search does not make the evidence again.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ from gravcal.estimation.moving import YEAR_S
 from gravcal.estimation.quantities import result_of, tabled
 from gravcal.estimation.records import Observations, slug_of
 
-#: What causes may follow from event to event, where every event tells it.
+#: Quantities that causes may follow from event to event, where every event has them.
 QUANTITIES = ("year", "beta_deg", "latitude_deg", "fuel_kg", "fuel_difference_kg", "temperature_c")
 THERMOMETERS = ("TSU_Y_plus", "TSU_Y_minus", "TSU_Z_plus", "TSU_Z_minus")
 
@@ -27,7 +27,7 @@ class Cause:
     """A cause of the catalogue with all its parameters."""
 
     slug: str  #: of the catalogue
-    form: str  #: in which its columns are
+    form: str  #: of the candidate that its columns are of
     names: Sequence[str]  #: (q,)
     units: Sequence[str]  #: (q,)
     prior: np.ndarray  #: (q,) plausible sizes
@@ -36,39 +36,39 @@ class Cause:
 
 @dataclass(frozen=True)
 class Event:
-    """What an event tells."""
+    """Gram matrix of one event and quantities that causes may follow."""
 
     name: str
     time: float  #: s, GPS, middle of its manoeuvres
     start: np.ndarray  #: (p,) SI, parameters of the calibration that the observed rows were formed with
     gram: np.ndarray  #: (1 + p + q, ...) products of the observed rows, parameters and causes
-    size: np.ndarray  #: (1 + p + q,) norm of the columns, to which what is seen is compared
+    size: np.ndarray  #: (1 + p + q,) norm of the columns, the scale of what a fit leaves of them
     causes: Sequence[Cause]
     measured: Mapping[str, float] = field(default_factory=dict)  #: quantities of the event that a cause may follow
     parameters: Sequence[str] = ()  #: (p,) of the calibration
     unit: str = ""  #: in which these are reported
     scale: Sequence[float] = ()  #: (p,) factor from SI to that unit
-    common: Sequence[float] = ()  #: (p,) SI, error that all events share and none shows
+    common: Sequence[float] = ()  #: (p,) SI, error that all events share and that no event can detect
 
 
 def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dataset:
-    """Product of what an event tells, of all listed causes with all their parameters, in every form.
+    """Dataset of an event's Gram matrix: observed rows, parameters, listed causes with all parameters, every form.
 
-    `housekeeping` is MAS1B and AHK1B of the event, where they are at hand: causes may follow fuel and temperature. An
-    event whose tags are minutes off tells nothing.
+    `housekeeping` is MAS1B and AHK1B of the event, where available: causes may follow fuel and temperature. An
+    event whose tags are minutes off has an empty matrix.
     """
     if observed is None or observed.shifted:
         return tabled(xr.Dataset({"gram": (("column", "other"), np.zeros((0, 0)))}), {})
-    every = [one for one in observed.candidates if one.listed and slug_of(one.cause) == one.cause]
-    every = [replace(one, prior=_prior(one)) for one in every if not one.form.endswith("alone")]
-    every = [one for one in every if len(one.prior) == len(one.names)]
-    problem, count = prepare(observed.blocks, every), len(observed.parameters)
+    listed = [one for one in observed.candidates if one.listed and slug_of(one.cause) == one.cause]
+    listed = [replace(one, prior=_prior(one)) for one in listed if not one.form.endswith("alone")]
+    listed = [one for one in listed if len(one.prior) == len(one.names)]
+    problem, count = prepare(observed.blocks, listed), len(observed.parameters)
     nuisance = np.arange(1 + count, problem.shared.stop)
     kept = np.setdiff1d(np.arange(problem.total.shape[0]), nuisance)
     gram = attribution.projected(problem.total, nuisance)[np.ix_(kept, kept)]
     time = np.concatenate([block.time for block in observed.blocks])
     measured = {"year": float(np.median(time)) / YEAR_S} | observed.circumstances
-    sized = [(one, [*map(float, one.prior)], observed.shared.get(one.cause, 0.0)) for one in every]
+    sized = [(one, [*map(float, one.prior)], observed.shared.get(one.cause, 0.0)) for one in listed]
     numbers = {
         "time": float(np.median(time)),
         "parameters": list(observed.parameters),
@@ -81,41 +81,41 @@ def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dat
     }
     about = {"gram": ("column other", "products of whitened columns"), "size": ("column", "norm of the columns")}
     values = {"gram": gram, "size": problem.size[kept]}
-    made = {n: (d.split(), values[n], {"units": "1", "long_name": said}) for n, (d, said) in about.items()}
-    return tabled(xr.Dataset(made), numbers)
+    variables = {n: (d.split(), values[n], {"units": "1", "long_name": label}) for n, (d, label) in about.items()}
+    return tabled(xr.Dataset(variables), numbers)
 
 
-def _prior(one):
-    """Plausible sizes of a cause: its own, or those of the catalogue where a search of one event needs none."""
-    known = {} if one.prior else {p.name: p.prior_sigma for p in effect(one.cause).parameters}
-    return one.prior or [known[name] for name in one.names if name in known]
+def _prior(candidate):
+    """Plausible sizes (q,) of a candidate: its own, or those of the catalogue where a search of one event has none."""
+    sigmas = {} if candidate.prior else {p.name: p.prior_sigma for p in effect(candidate.cause).parameters}
+    return candidate.prior or [sigmas[name] for name in candidate.names if name in sigmas]
 
 
 def fuel(masses: Sequence[xr.Dataset], time: float) -> dict[str, float]:
-    """Gas kg of both tanks, and of the first less the second, of MAS1B at a time; {} where it is not told."""
-    for one in masses:
-        tanks = [one[name].values for name in ("gas_mass_tnk1", "gas_mass_tnk2") if name in one]
+    """Gas kg of both tanks, and of the first less the second, of MAS1B at a time GPS s; {} where there is none."""
+    for product in masses:
+        tanks = [product[name].values for name in ("gas_mass_tnk1", "gas_mass_tnk2") if name in product]
         valid = np.all(np.isfinite(tanks), axis=0) if len(tanks) == 2 else np.zeros(1, dtype=bool)
         if valid.any():
-            first, second = (float(np.interp(time, one["time_tag"].values[valid], tank[valid])) for tank in tanks)
+            first, second = (float(np.interp(time, product["time_tag"].values[valid], tank[valid])) for tank in tanks)
             return {"fuel_kg": first + second, "fuel_difference_kg": first - second}
     return {}
 
 
 def temperature(housekeeping: Sequence[xr.Dataset], begin: float, end: float) -> dict[str, float]:
-    """Temperature deg C of the accelerometer's sensor unit, mean of its thermometers in AHK1B; {} if one is mute."""
-    for one in housekeeping:
-        if set(THERMOMETERS) <= set(one):
-            inside = (one["time_tag"].values >= begin) & (one["time_tag"].values <= end)
-            read = [one[name].values[inside] for name in THERMOMETERS]
-            read = [values[np.isfinite(values)] for values in read]
-            if all(values.size for values in read):
-                return {"temperature_c": float(np.mean([np.median(values) for values in read]))}
+    """Sensor unit temperature deg C, mean over thermometers of AHK1B of their medians; {} if one has no value."""
+    for product in housekeeping:
+        if set(THERMOMETERS) <= set(product):
+            inside = (product["time_tag"].values >= begin) & (product["time_tag"].values <= end)
+            readings = [product[name].values[inside] for name in THERMOMETERS]
+            readings = [values[np.isfinite(values)] for values in readings]
+            if all(values.size for values in readings):
+                return {"temperature_c": float(np.mean([np.median(values) for values in readings]))}
     return {}
 
 
 def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Event]:
-    """Events of their products in order of time, with the causes that all of them have; none without manoeuvre."""
+    """Events of products in order of time, with the causes that all of them have; none without manoeuvre."""
     read = [(result_of(one), one, name) for one, name in zip(products, names, strict=True)]
     read = sorted((row for row in read if row[0]), key=lambda row: row[0]["time"])
     if len(read) < 2:
@@ -124,10 +124,10 @@ def events_of(products: Sequence[xr.Dataset], names: Sequence[str]) -> list[Even
     events = []
     for numbers, product, name in read:
         place, index, causes = 1 + len(numbers["start"]), [*range(1 + len(numbers["start"]))], []
-        for slug, form, names, units, prior, alike in numbers["causes"]:
+        for slug, form, names, units, prior, shared_error in numbers["causes"]:
             if (slug, form, *names) in shared:
                 index += range(place, place + len(names))
-                causes.append(Cause(slug, form, names, units, np.array(prior), alike))
+                causes.append(Cause(slug, form, names, units, np.array(prior), shared_error))
             place += len(names)
         order = np.array(index)
         start, gram = np.array(numbers["start"]), product["gram"].values[np.ix_(order, order)]

@@ -1,4 +1,4 @@
-"""The one number that stands after a search: over tied causes, their forms and directions that the data do not see."""
+"""Bayesian average of the calibration after a search: over tied causes, their forms and unobservable directions."""
 
 import itertools
 from dataclasses import replace
@@ -13,9 +13,9 @@ from gravcal.estimation import chi2_tail
 from gravcal.estimation.records import Parameter, slug_of
 
 CLEAR = 5.0  # sigma from which a direction is believed against its prior
-UNLIKELY = 12.0  # less of twice the logarithm of the evidence than the best form: a weight of a quarter of a percent
-FAR = 1e-3  # probability of so large a move by the error that is then given, if the extended model is not adequate
-WIDE, SAME = 2.0, 1e-2  # error over that before, and probability of the move by it, beyond which the move says nothing
+UNLIKELY = 12.0  # of twice the log evidence below the best form, from which a form is dropped: a weight of 1/400
+FAR = 1e-3  # least p-value of the move by its new error, for adoption where the extended model is not adequate
+WIDE, SAME = 2.0, 1e-2  # error over that before, and p-value of the move by it, above which the move says nothing
 #: Common sizes of a cause that was named, over its prior, and their odds: an order of magnitude more is three times
 #: less likely.
 BEYOND = np.geomspace(1.0, 1e6, 25)
@@ -24,7 +24,7 @@ SIZES = np.geomspace(1e-6, 1.0, 121)  # squares of the common size of a cause th
 
 
 def delivered(result: Result, choice: Choice, count: int) -> Result:
-    """Result whose calibration after the search is the one number that is delivered, with its whole error.
+    """Result with the calibration that is delivered: shared parameters after the search, averaged, with their error.
 
     The value is the mean over the causes that are tied and their forms, by their evidence with the priors of the
     catalogue; the error holds their spread, and what directions that the data do not see would do: of named causes as
@@ -41,7 +41,7 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
     sure = [one.cause.partition(":")[0] != "unknown" and one.cause not in tones for one in names]
     adopted = [one.cause != trials.EXCESS for one in names]  # which no model takes out
     value, covariance = _averaged(result, adopted)
-    whole, least = (_averaged(result, used) for used in ([True] * len(names), sure))
+    full, least = (_averaged(result, used) for used in ([True] * len(names), sure))
     if np.any(np.abs(value - least[0])[:count] > result.sigma[0][:count]):
         adopted, (value, covariance) = sure, least
     if not any(adopted):  # of a search in records that a first one has changed that is not what these rows give
@@ -50,14 +50,14 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
     foretold = all(one.heldout > 0 and one.kind == "manoeuvres" for one in kept)
     move = (value - before)[:count]
     chance = chi2_tail.log_tail(move @ inverse_of(covariance[:count, :count]) @ move, count) if count else 0.0
-    alike = any(one.tied or one.imitators for one in kept)
-    wide = alike and np.any(np.sqrt(np.diag(covariance)) > WIDE * result.sigma[0]) and chance > np.log(SAME)
+    ambiguous = any(one.tied or one.imitators for one in kept)
+    wide = ambiguous and np.any(np.sqrt(np.diag(covariance)) > WIDE * result.sigma[0]) and chance > np.log(SAME)
     if wide or not (result.after.p >= choice.level or (foretold and chance > np.log(FAR))):
         adopted, kept, value = [False] * len(names), [], before
-    away = left_open(value - before, covariance, result.sigma[0])
-    value, covariance = value - away, covariance + np.outer(away, away)
+    open_part = left_open(value - before, covariance, result.sigma[0])
+    value, covariance = value - open_part, covariance + np.outer(open_part, open_part)
     if not all(adopted):
-        covariance = covariance + np.outer(whole[0] - value, whole[0] - value)
+        covariance = covariance + np.outer(full[0] - value, full[0] - value)
     if not names and result.before.p < choice.level:
         tried = {one.index for one in result.first if one.index >= 0 and result.problem.candidates[one.index].prior}
         covariance = covariance + _over_forms(result.problem, [], tried, (-1, value))[1]
@@ -69,9 +69,9 @@ def delivered(result: Result, choice: Choice, count: int) -> Result:
 
 
 def _open_means(result, width):
-    """Variances (p,) by the means of what was named: a wave about any mean describes the data as well.
+    """Variance (p,) of the parameters by the unknown means of named waves: one about any mean fits as well.
 
-    Each is taken to be as large as the wave.
+    Each mean has the size of the wave as standard deviation.
     """
     variance = np.zeros(width)
     for one in result.findings:
@@ -82,27 +82,27 @@ def _open_means(result, width):
 
 
 def left_open(move: np.ndarray, covariance: np.ndarray, sigma: np.ndarray) -> np.ndarray:
-    """Parts (p,) of a move that say nothing: of parameters left open, and of others what goes with these.
+    """Part (p,) of a parameter change that carries no information: open parameters and what goes with them.
 
     A parameter is left open if its error grows beyond twice that before, sigma (p,), and its move is within it. It
     keeps its value, one after the other, and the rest have theirs beside it (Gaussian conditional mean).
     """
-    kept, rest, left = [], move, covariance
+    kept, remainder, conditional = [], move, covariance
     while True:
-        error = np.sqrt(np.maximum(np.diag(left), 1e-300))
-        chance = chi2_tail.log_tail(np.square(rest / error), np.ones(move.size))
-        wide = (np.sqrt(np.diag(covariance)) > WIDE * sigma) & (chance > np.log(SAME)) & (rest != 0)
+        error = np.sqrt(np.maximum(np.diag(conditional), 1e-300))
+        chance = chi2_tail.log_tail(np.square(remainder / error), np.ones(move.size))
+        wide = (np.sqrt(np.diag(covariance)) > WIDE * sigma) & (chance > np.log(SAME)) & (remainder != 0)
         wide[kept] = False
         if not wide.any():
-            return move - rest
+            return move - remainder
         kept.append(int(np.argmax(np.where(wide, chance, -np.inf))))
         share = covariance[:, kept] @ inverse_of(covariance[np.ix_(kept, kept)])
-        rest, left = move - share @ move[kept], covariance - share @ covariance[kept]
-        rest[kept] = 0.0
+        remainder, conditional = move - share @ move[kept], covariance - share @ covariance[kept]
+        remainder[kept] = 0.0
 
 
 def _averaged(result, used):
-    """Mean (p,) of the calibration over what may be there instead of some of the names, and its covariance (p, p)."""
+    """Mean (p,), covariance (p, p) of the shared parameters over alternatives to the findings that used selects."""
     problem, width = result.problem, result.shared[1].size
     named = list(itertools.compress([one.index for one in result.findings], used))
     fixed = baseline_of(problem, named)
@@ -110,22 +110,22 @@ def _averaged(result, used):
     fitted, covariance = (inverse @ problem.total[fixed, 0])[:width], inverse[:width, :width]
     value, shapes = fitted.copy(), (problem.candidates[k].shape for k in named)
     for slopes in (one.slopes for one in shapes if one is not None and one.slopes is not None):
-        moved, left = best_fit(problem, fixed, slopes)  # it fits best there, so that no value moves
-        covariance = covariance + moved[:width] @ inverse_of(sum(one.T @ one for one in left)) @ moved[:width].T
+        moved, residuals = best_fit(problem, fixed, slopes)  # it fits best there, so that no value moves
+        covariance = covariance + moved[:width] @ inverse_of(sum(one.T @ one for one in residuals)) @ moved[:width].T
     for position, one in enumerate(itertools.compress(result.findings, used)):
         others = [*named[:position], *named[position + 1 :]]
-        causes, forms = {one.cause, *one.tied}, {(own.cause, own.form) for own in one.imitators}
-        alike = {k for k, c in enumerate(problem.candidates) if c.cause in causes or (c.cause, c.form) in forms}
-        tried = {named[position]} | (alike - {*others})  # forms of it and of listed causes tied with it, imitators
+        causes, forms = {one.cause, *one.tied}, {(imitator.cause, imitator.form) for imitator in one.imitators}
+        equal = {k for k, c in enumerate(problem.candidates) if c.cause in causes or (c.cause, c.form) in forms}
+        tried = {named[position]} | (equal - {*others})  # forms of it and of listed causes tied with it, imitators
         mean, spread = _over_forms(problem, others, tried, (named[position], fitted))
         value, covariance = value + mean, covariance + spread - np.outer(mean, mean)
     return value, covariance
 
 
 def _over_forms(problem, others, tried, about):
-    """Mean (p,) and second moment (p, p) of how far candidates move the calibration, by their evidence.
+    """Evidence-weighted mean (p,) and second moment (p, p) of the change of the parameters by candidates tried.
 
-    With what the directions that the data do not see of them would do to the calibration.
+    The change is from about, (index named, its parameters (p,)); the moment includes unobservable directions.
     """
     (named, value), baseline = about, baseline_of(problem, others)
     width, gram = value.size, attribution.projected(problem.total, baseline)
@@ -139,52 +139,52 @@ def _over_forms(problem, others, tried, about):
         if k != named:
             moved = _with(problem, baseline, k, size)[:width] - value
             mean, moment = mean + share * moved, moment + share * np.outer(moved, moved)
-    causes, sized = {problem.candidates[k].cause for *_, k in rows}, _scale
-    for k, whole in enumerate(problem.candidates):
-        if whole.cause in causes and k not in others and _whole(whole):
+    causes, likeliest = {problem.candidates[k].cause for *_, k in rows}, _scale
+    for k, form in enumerate(problem.candidates):
+        if form.cause in causes and k not in others and _whole(form):
             parts = [problem.candidates[row] for *_, row in rows]  # forms of the cause, or one parameter of it alone
-            alone = [p.cause == whole.cause and "alone" in p.form and {*p.names} <= {*whole.names} for p in parts]
-            likely = float(weight @ [part is whole or one for part, one in zip(parts, alone, strict=True)])
-            moment = moment + likely * (_unseen(problem, gram, baseline, k, width, sized) if likely else 0.0)
+            alone = [p.cause == form.cause and "alone" in p.form and {*p.names} <= {*form.names} for p in parts]
+            likely = float(weight @ [part is form or one for part, one in zip(parts, alone, strict=True)])
+            moment = moment + likely * (_unseen(problem, gram, baseline, k, width, likeliest) if likely else 0.0)
     return mean, moment
 
 
 def _odds(problem, index):
-    """Twice the logarithm of the odds of a candidate beforehand: those in no list share less, and are many."""
+    """Twice the log prior odds of a candidate: the share of the level of its kind over the number of that kind."""
     listed = problem.candidates[index].listed
-    alike = sum(one.listed == listed for one in problem.candidates)
-    return 2 * np.log(trials.SHARES["listed" if listed else "unknown"] / alike)
+    number = sum(one.listed == listed for one in problem.candidates)
+    return 2 * np.log(trials.SHARES["listed" if listed else "unknown"] / number)
 
 
 def _evidence(problem, gram, index):
-    """Twice the logarithm of the evidence of a candidate over that of none, and its most likely size over its prior.
+    """Twice the log Bayes factor of a candidate against none, and its likeliest size over its prior.
 
     Its parameters are spread as its prior says, times any size of `BEYOND`: a Gaussian of the plausible size would
-    exclude a size a hundred times larger whatever else explains the data. Without a prior as wide as they are found,
-    the widest that gains.
+    exclude a size a hundred times larger whatever else explains the data. Without a prior, that of the width with the
+    largest evidence.
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
     if prior.size == place.stop - place.start:
-        known, vectors, real = _directions(problem, gram, place, prior)
-        known, right = known[real], ((vectors.T @ (prior * gram[place, 0])) ** 2)[real]
-        more = 1 + np.outer(BEYOND**2, known)
-        score = np.sum(BEYOND[:, None] ** 2 * right / more - np.log(more), axis=1) + 2 * np.log(ODDS)
+        information, vectors, real = _directions(problem, gram, place, prior)
+        information, right = information[real], ((vectors.T @ (prior * gram[place, 0])) ** 2)[real]
+        widened = 1 + np.outer(BEYOND**2, information)
+        score = np.sum(BEYOND[:, None] ** 2 * right / widened - np.log(widened), axis=1) + 2 * np.log(ODDS)
         return float(2 * np.logaddexp.reduce(score / 2)), float(BEYOND[np.argmax(score)])
     gain, dof, _ = attribution.gained(gram, place, problem.size)
     return (gain - dof * (1 + np.log(max(gain / dof, 1.0))) if dof else 0.0), 1.0
 
 
 def _whole(candidate):
-    """Whether a candidate has all parameters of a form whose plausible sizes are known, in more than one block."""
+    """True if a listed candidate has all parameters of its form, each with a prior, in more than one block."""
     whole = "alone" not in candidate.form and not candidate.local
     return whole and candidate.listed and len(candidate.prior) == len(candidate.names)
 
 
 def _unnamed(result, named, width):
-    """Second moments {cause: (p, p)} of the error of the result by causes not named, in directions the data do not see.
+    """{cause: (p, p)} second moment of the parameter error by each cause not named, unobservable directions only.
 
     Each cause of the catalogue is there with a probability of one in their number; its size is at most its prior, by
-    the likelihood of the directions that the data see.
+    the likelihood of its observable directions.
     """
     problem, causes = result.problem, {slug_of(c) for one in result.findings for c in (one.cause, *one.tied)}
     baseline, forms = baseline_of(problem, named), {}
@@ -194,7 +194,7 @@ def _unnamed(result, named, width):
             forms.setdefault(slug_of(candidate.cause), []).append(k)
     odds, moments = 1 / max(len(forms) - 1, 1), {}
 
-    def weights(known, gain):
+    def weights(known, gain):  # squared sizes (s,) and their probability, that of the cause included
         spread = 1 + np.outer(SIZES, known)
         evidence = np.exp(np.minimum(np.sum(gain - np.log(spread) - gain / spread, axis=1) / 2, 300.0))
         return SIZES, odds * evidence / evidence.size / (1 + odds * evidence.mean())
@@ -206,56 +206,56 @@ def _unnamed(result, named, width):
 
 
 def _unseen(problem, gram, baseline, index, width, sized):
-    """Second moment (p, p) of what directions that the data do not see of a form would do to the calibration.
+    """Second moment (p, p) of the bias of the parameters by the unobservable directions of a candidate.
 
-    In units of what is plausible of each parameter; `sized` gives squares of their common size and the weights of
-    these, by what is known (n,) of the directions that are seen and the chi-square (n,) that each gains.
+    In units of the prior sigma of each parameter; `sized` takes the information (n,) and the chi-square gain (n,) of
+    the observable directions to squares (s,) of the common size of all directions and the weights (s,) of these.
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
     inverse = inverse_of_baseline(problem, baseline)
     known, vectors, real = _directions(problem, gram, place, prior, ROUNDING)
     hidden = known < UNSEEN**2
     square, share = sized(known[~hidden], (vectors.T @ (prior * gram[place, 0]))[~hidden] ** 2 / known[~hidden])
-    shift = (inverse @ problem.total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
-    size = np.sum(share / (1 / square + np.where(real, known, 0.0)[hidden, None]), axis=1)
-    bias = shift @ vectors[:, hidden] * np.sqrt(size)
+    sensitivity = (inverse @ problem.total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
+    variance = np.sum(share / (1 / square + np.where(real, known, 0.0)[hidden, None]), axis=1)
+    bias = sensitivity @ vectors[:, hidden] * np.sqrt(variance)
     return bias @ bias.T
 
 
 def _scale(known, gain):
-    """Square of the most likely common size of directions, from their information (n,) and gain (n,); 1 of none."""
+    """Square (1,) of the likeliest common size of directions from information and gain (n,), 1 if none; weight."""
     square = np.geomspace(1e-6, 1e2, 161)
-    width = 1 + np.outer(square, known)
-    best = square[np.argmin(np.sum(np.log(width) + gain / width, axis=1))] if known.size else 1.0
+    variance = 1 + np.outer(square, known)
+    best = square[np.argmin(np.sum(np.log(variance) + gain / variance, axis=1))] if known.size else 1.0
     return np.array([best]), np.ones(1)
 
 
 def _with(problem, baseline, index, size):
-    """Values of the baseline beside a candidate held by so many times its prior, its directions of rounding at zero."""
+    """Baseline parameters (p,) with a candidate fitted under size times its prior, directions of rounding at 0."""
     place, prior = problem.places[index], size * np.asarray(problem.candidates[index].prior)
     fixed = np.concatenate([baseline, np.arange(place.start, place.stop)])
     if len(prior) != place.stop - place.start:
         return inverse_of_baseline(problem, fixed) @ problem.total[fixed, 0]
     gram = attribution.projected(problem.total, baseline)
-    known, vectors, real = _directions(problem, gram, place, prior)
+    information, vectors, real = _directions(problem, gram, place, prior)
     vectors = prior[:, None] * vectors[:, real]
-    value = vectors @ ((vectors.T @ gram[place, 0]) / (1 + known[real]))
+    value = vectors @ ((vectors.T @ gram[place, 0]) / (1 + information[real]))
     right = problem.total[baseline, 0] - problem.total[np.ix_(baseline, fixed[baseline.size :])] @ value
     return inverse_of_baseline(problem, baseline) @ right
 
 
 def _directions(problem, gram, place, prior, least=SEEN**2):
-    """Information (q,) on directions (q, q) of a candidate in units of its prior, and whether a share of it is seen."""
-    whole, left = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
-    known, vectors = np.linalg.eigh(left)
-    return known, vectors, known > least * np.einsum("qk,qr,rk->k", vectors, whole, vectors)
+    """Information (q,) along directions (q, q) of a candidate over its prior; True (q,) if over `least` is left."""
+    full, remaining = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
+    information, vectors = np.linalg.eigh(remaining)
+    return information, vectors, information > least * np.einsum("qk,qr,rk->k", vectors, full, vectors)
 
 
 def named_parameters(result: Result, position: int) -> dict[str, Parameter]:
-    """Parameters of a finding by name, for the model, in the form named.
+    """{name: Parameter} of a finding in the form named, as a model takes it out of the records.
 
-    Directions that stay below five sigma and of which the data know less than the catalogue, such as a leak that looks
-    like an offset, are held by their prior: they would carry many times what is plausible into the records.
+    Directions below five sigma on which the data hold less information than the prior, such as a leak that looks like
+    an offset, are held by their prior: they would carry many times what is plausible into the records.
     """
     problem, index = result.problem, result.findings[position].index
     others = baseline_of(problem, [f.index for k, f in enumerate(result.findings) if k != position])
@@ -271,16 +271,16 @@ def named_parameters(result: Result, position: int) -> dict[str, Parameter]:
     named = {n: Parameter(v if d else np.nan, s if d else np.nan, u) for n, v, s, u, d in rows}
     if len(named) > 1 and ratio.determined.all():
         for name, row in zip(entry.names, covariance / np.outer(sigma, sigma), strict=True):
-            related = {n: round(r, 6) for n, r in zip(named, row.tolist(), strict=True) if n != name}
-            named[name] = replace(named[name], correlation=related)
+            correlation = {n: round(r, 6) for n, r in zip(named, row.tolist(), strict=True) if n != name}
+            named[name] = replace(named[name], correlation=correlation)
     return named
 
 
 def _held(normal, right, prior):
-    """Value and covariance of parameters, directions that are not clearly seen held where the prior knows more."""
-    known, vectors = np.linalg.eigh(normal * np.outer(prior, prior))  # information in units of that of the prior
-    score = (vectors.T @ (prior * right)) / np.sqrt(np.maximum(known, 1e-300))
-    weight = np.maximum(known + ((known < 1) & (np.abs(score) < CLEAR)), 1e-300)
-    back = prior[:, None] * vectors
-    covariance = (back / weight) @ back.T
+    """Value (q,), covariance (q, q) of normal equations, directions under CLEAR sigma held if the prior knows more."""
+    information, vectors = np.linalg.eigh(normal * np.outer(prior, prior))  # information in units of that of the prior
+    score = (vectors.T @ (prior * right)) / np.sqrt(np.maximum(information, 1e-300))
+    weight = np.maximum(information + ((information < 1) & (np.abs(score) < CLEAR)), 1e-300)
+    directions = prior[:, None] * vectors
+    covariance = (directions / weight) @ directions.T
     return covariance @ right, covariance

@@ -33,7 +33,7 @@ class Choice:
     tie: float  #: expected chi-square below which two causes are tied
     rounds: int  #: at most
     step_cause: str  #: slug of a step
-    tone_causes: dict[str, str]  #: {channel: slug}
+    tone_causes: dict[str, str]  #: {channel: slug of the cause of a line in it}
     segment_s: float = 15.0  #: s, stretch of time that is left out for causes of a single block
     quiet: Mapping[str, float] = field(default_factory=dict)  #: {channel: quiet samples an axis of its noise}
     order: Mapping[str, int] = field(default_factory=dict)  #: {channel: coefficients of its noise model}
@@ -43,7 +43,7 @@ class Choice:
 
     @property
     def excess_level(self) -> float:
-        """What power beyond noise that follows nothing may spend of the family-wise level."""
+        """Share of the family-wise level for excess power that follows no regressor."""
         return self.level * trials.SHARES["excess"]
 
     @property
@@ -58,15 +58,15 @@ class Choice:
 
 @dataclass(frozen=True)
 class Finding:
-    """One accepted cause."""
+    """One accepted cause, with its fitted parameters and the evidence for it."""
 
     cause: str
     form: str
     tied: list[str]  #: causes of the catalogue that fit as well
     names: list[str]  #: (q,) of its parameters
     units: list[str]  #: (q,)
-    value: np.ndarray  #: (q,) NaN where the data do not determine one; as sigma
-    sigma: np.ndarray
+    value: np.ndarray  #: (q,) NaN where the data do not determine one
+    sigma: np.ndarray  #: (q,) standard deviations
     index: int  #: of the candidate in the baseline, whose form may have fewer parameters
     gain: float  #: of the likelihood ratio with all other findings in the baseline
     dof: int  #: of that
@@ -81,13 +81,13 @@ class Finding:
 
 @dataclass(frozen=True)
 class Result:
-    """What a search found."""
+    """Findings of a search, with the tests and fits before and after."""
 
     findings: list[Finding]  #: list of Finding
     before: adequacy.Test  #: of the baseline
     after: adequacy.Test  #: of the extended model
-    chi2: tuple[float, float]  #: before, after; dof
-    dof: int
+    chi2: tuple[float, float]  #: before, after
+    dof: int  #: of chi2 before
     shared: tuple[np.ndarray, np.ndarray]  #: (p,) corrections of the shared parameters before, after
     covariance: tuple[np.ndarray, np.ndarray]  #: (p, p) before, after
     problem: Problem  #: Problem, with everything accepted
@@ -95,7 +95,7 @@ class Result:
     first: list[trials.Trial]  #: list of Trial of the first round, best first
     adopted: list[bool] = field(default_factory=list)  #: whether each finding is in the calibration that is delivered
     outliers: Sequence[Outlier] = ()  #: left out before the search
-    #: {cause not named: (p,) what its directions that the data do not see add to the error after, rms}
+    #: {cause not named: (p,) rms that its unobservable directions add to the error of the parameters after}
     unseen: dict[str, np.ndarray] = field(default_factory=dict)
 
     @property
@@ -105,12 +105,12 @@ class Result:
 
 
 def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng) -> Result:
-    """All rounds."""
+    """Result of all rounds of a search in whitened blocks; rng draws the noise that they are tested against."""
     return concluded(begun(blocks, candidates, choice, rng), choice)
 
 
 def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng, before=None) -> tuple:
-    """State of a search that has named what follows something; the test of the baseline may be known before."""
+    """State of a search, as `concluded` takes it, before excess power is named; `before`: baseline test if known."""
     problem, outliers = adequacy.without_outliers(prepare(blocks, candidates), choice.order)
     noise = drawn_noise(problem, adequacy.DRAWS, choice.quiet, rng, choice.order, choice.spectra)
     before = before or adequacy.test(problem, baseline_of(problem, ()), noise)
@@ -120,12 +120,12 @@ def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng,
 
 
 def concluded(state: tuple, choice: Choice) -> Result:
-    """Result of a search that was begun, with the power beyond noise that follows nothing if it is to be named."""
+    """Result of a search from its state as of `begun`, excess power named if choice.excess."""
     problem, outliers, noise, before, chosen, first, after = state
     if choice.excess:
-        known = len(chosen)
+        number = len(chosen)
         problem, chosen = jumping(problem, chosen, choice)
-        if len(chosen) < known:
+        if len(chosen) < number:
             after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
         problem, chosen, after = with_excess(problem, chosen, choice, noise, after)
     baseline = baseline_of(problem, [k for k, _ in chosen])
@@ -134,14 +134,14 @@ def concluded(state: tuple, choice: Choice) -> Result:
 
 
 def names(problem: Problem, choice: Choice) -> list[set[str]]:
-    """Causes that the rounds name, each with those of the catalogue that it is tied with."""
+    """Set of slugs for each cause that the rounds name: itself and the catalogue causes that it is tied with."""
     problem, chosen, _ = _named(problem, choice)
     findings = [_finding(problem, chosen, k, choice) for k in range(len(chosen))]
     return [{slug_of(name) for name in (one.cause, *one.tied)} for one in findings]
 
 
 def _named(problem, choice):
-    """Problem with all that was tried, (index, trial) of every name, and the trials of the first round, best first."""
+    """Problem with candidates made on the way, [(index, Trial)] of all names, trials of the first round, best first."""
     chosen, first = [], None
     for _ in range(choice.rounds):
         used = [k for k, _ in chosen]
@@ -163,7 +163,7 @@ def _named(problem, choice):
 
 
 def _best(problem, used, rows, choice):
-    """Problem, and (index, trial) of the winner of a round that holds on data left out; None if nothing passes."""
+    """Problem and (index, Trial) of the best of rows that passes every test and gains on held-out data, else None."""
     problem, everything = trials.sparse(problem, baseline_of(problem, used), rows, choice)
     rows = [t for t in everything if t.significance < choice.level]
     problem, rows = trials.sized(problem, baseline_of(problem, used), rows)
@@ -194,15 +194,15 @@ def _best(problem, used, rows, choice):
 
 
 def _possible(candidate, ratio):
-    """Whether a listed cause has a meaning in the size that it is found with: no scale is negative."""
-    known = catalogue().get(slug_of(candidate.cause))
-    lower = {one.name: one.lower for one in known.parameters} if known else {}
+    """True if the fitted size of a listed cause is meaningful: no parameter is CLEAR sigma below its lower bound."""
+    effect = catalogue().get(slug_of(candidate.cause))
+    lower = {one.name: one.lower for one in effect.parameters} if effect else {}
     least = [lower.get(name, -np.inf) for name in candidate.names]
     return bool(np.all(ratio.value + CLEAR * np.sqrt(np.diag(ratio.covariance)) > least))
 
 
 def _with_noise_error(problem, used, index, trial, value, choice):
-    """Trial with the probability that it has beside the error of the noise where the candidate has its power."""
+    """Trial, its significance with the error of the noise density where a candidate of value (q,) has its power."""
     place = problem.places[index]
     signal = [one.of(np.arange(place.start, place.stop)) @ value[:, None] for one in problem.columns]
     error = scan.level_error(problem, baseline_of(problem, used), signal, choice.spectra)
@@ -211,31 +211,31 @@ def _with_noise_error(problem, used, index, trial, value, choice):
 
 
 def _times(trial):
-    """Logarithm of the number by which the probability of a trial was corrected."""
-    known = trial.significance > 0 and np.isfinite(trial.log_p)
-    return np.log(trial.significance) - trial.log_p if known else MANY
+    """Natural log of the number of trials by which a trial's p-value was corrected, MANY if that is not known."""
+    valid = trial.significance > 0 and np.isfinite(trial.log_p)
+    return np.log(trial.significance) - trial.log_p if valid else MANY
 
 
 def _ranked(problem, used, rows, choice):
-    """Best first; a listed cause goes before one in no list that is not clearly better, time alone after all others."""
+    """Trials best first; catalogue causes before drivers in no list unless clearly worse, time as driver last."""
     rows, tie = sorted(rows, key=lambda t: -t.score), choice.tie
     if rows and rows[0].cause == TIME:  # what was measured says why, time says when
-        near = [t for t in rows if t.score > rows[0].score - tie / 2 and t.cause != TIME and t.kind == "unknown"]
-        rows = [*near, *(t for t in rows if t not in near)]
+        rivals = [t for t in rows if t.score > rows[0].score - tie / 2 and t.cause != TIME and t.kind == "unknown"]
+        rows = [*rivals, *(t for t in rows if t not in rivals)]
     listed = [t for t in rows if not t.cause.startswith("unknown:")]
-    near = [t for t in listed if t.score > rows[0].score - tie]
-    if not near:
+    rivals = [t for t in listed if t.score > rows[0].score - tie]
+    if not rivals:
         return rows
-    close = near[0].score > rows[0].score - tie / 2
-    if close or any(_stands(problem, used, t, rows[0], choice) for t in near):
+    close = rivals[0].score > rows[0].score - tie / 2
+    if close or any(_stands(problem, used, t, rows[0], choice) for t in rivals):
         return listed + [t for t in rows if t.cause.startswith("unknown:")]
     return rows
 
 
 def _stands(problem, used, trial, best, choice):
-    """Whether a cause may be true though one in no list gained more: Cox's test of models that are not nested.
+    """True if a trial may be true though `best`, in no list, gained more, by Cox's test of non-nested models.
 
-    If it is true, the other loses the chi-square by which they are apart, with twice its root as standard deviation.
+    If it is true, the score of the other is lower by the expected misfit, with twice its root as standard deviation.
     """
     if trial.index < 0 or best.index < 0:
         return False
@@ -244,25 +244,25 @@ def _stands(problem, used, trial, best, choice):
     gram, tie = attribution.projected(problem.total, baseline_of(problem, used)), choice.tie
     place, other = problem.places[trial.index], problem.places[best.index]
     value = attribution.ratio(gram, place, problem.size).value
-    apart = max(attribution.misfit(gram, place, value, other, problem.size), 0.0)
-    return best.score - trial.score < 2 * np.sqrt(tie * apart) - apart
+    expected = max(attribution.misfit(gram, place, value, other, problem.size), 0.0)
+    return best.score - trial.score < 2 * np.sqrt(tie * expected) - expected
 
 
 def _needless(problem, used, index, wider, choice):
-    """Whether a driver in no list holds all of a cause, and beside it its other parameters would not be named.
+    """True if a driver in no list, `wider`, contains cause `index` and its further parameters are not significant.
 
-    What the wider of two nested models leaves of the narrower is zero whatever is true: only its further gain speaks.
+    The wider of two nested models fits the narrower whatever is true, so that only its further gain counts.
     """
     if problem.candidates[wider].listed or attribution.beside(problem, [*used, wider], index).dof:
         return False
-    more = attribution.beside(problem, [*used, index], wider)
+    further = attribution.beside(problem, [*used, index], wider)
     times = sum(not one.listed for one in problem.candidates) / trials.SHARES["unknown"]
-    chance = chi2_tail.log_tail(more.gain, max(more.dof, 1), choice.freedom) + np.log(times)
-    return more.dof > 0 and chance >= np.log(choice.level)
+    chance = chi2_tail.log_tail(further.gain, max(further.dof, 1), choice.freedom) + np.log(times)
+    return further.dof > 0 and chance >= np.log(choice.level)
 
 
 def _revised(problem, chosen, choice):
-    """Every name tried again with all the others in the baseline; one that does not pass any more goes."""
+    """Problem and names, each tried again with all others in the baseline and dropped if it no longer passes."""
     if len(chosen) < 2:
         return problem, chosen
     for _ in range(2):
@@ -281,7 +281,7 @@ def _revised(problem, chosen, choice):
 
 
 def _finding(problem, chosen, position, choice):
-    """Finding with all others in the baseline."""
+    """Finding of the name at a position of chosen, with all other names in the baseline."""
     index, trial = chosen[position]
     others = [k for i, (k, _) in enumerate(chosen) if i != position]
     baseline, candidate = baseline_of(problem, others), problem.candidates[index]
@@ -291,15 +291,15 @@ def _finding(problem, chosen, position, choice):
     near = _near(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
     near = {n: one for n, one in near.items() if not _needless(problem, others, index, one[1], choice)}
     tied = {cause: k for cause, (_, k) in near.items() if problem.candidates[k].listed}
-    apart = [attribution.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
+    separations = [attribution.separation(problem, baseline, index, k, choice.tie) for k in tied.values()]
     wide = [_widest(problem, k) if "," in problem.candidates[k].form else k for k in others]  # with what was left out
-    whole = attribution.beside(problem, wide, _widest(problem, index))  # NaN where the data determine no parameter
-    known, entry = np.where(whole.determined, 1.0, np.nan), problem.candidates[_widest(problem, index)]
-    spread = whole.covariance if entry.spread is None else whole.covariance + entry.spread
-    value, sigma = whole.value * known, np.sqrt(np.diag(spread)) * known
-    alike = _as_good(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
-    alike = {n: one for n, one in alike.items() if not _needless(problem, others, index, one[1], choice)} | near
-    rows = [(expected, problem.candidates[k]) for expected, k in sorted(alike.values())]
+    refit = attribution.beside(problem, wide, _widest(problem, index))  # NaN where the data determine no parameter
+    determined, entry = np.where(refit.determined, 1.0, np.nan), problem.candidates[_widest(problem, index)]
+    spread = refit.covariance if entry.spread is None else refit.covariance + entry.spread
+    value, sigma = refit.value * determined, np.sqrt(np.diag(spread)) * determined
+    as_good = _as_good(problem, gram, index, ratio, choice.tie) if candidate.listed else {}
+    as_good = {n: one for n, one in as_good.items() if not _needless(problem, others, index, one[1], choice)} | near
+    rows = [(expected, problem.candidates[k]) for expected, k in sorted(as_good.values())]
     drivers = [Imitator(c.cause, c.form, max(float(e), 0.0)) for e, c in rows if not c.listed]
     where = trial if np.isfinite(trial.at) else candidate  # that was made of the trial that located it
     return Finding(
@@ -318,13 +318,13 @@ def _finding(problem, chosen, position, choice):
         kind=kind,
         at=where.at,
         at_sigma=where.at_sigma,
-        separation=apart,
+        separation=separations,
         imitators=drivers,
     )
 
 
 def _widest(problem, index):
-    """Index of the widest form of a cause that holds the parameters of one."""
+    """Index of the form of a candidate's cause with most parameters that has all of the candidate's, else itself."""
     candidate = problem.candidates[index]
     forms = [k for k, c in enumerate(problem.candidates) if c.cause == candidate.cause and c.listed and not c.apart]
     wide = [k for k in forms if set(candidate.names) < set(problem.candidates[k].names) and candidate.shape is None]
@@ -333,33 +333,34 @@ def _widest(problem, index):
 
 
 def _near(problem, gram, index, ratio, tie):
-    """Other causes whose refit leaves less than the limit of expected chi-square: {cause: (chi-square, best form)}."""
-    true, left = problem.places[index], {}
+    """{other cause: (expected chi-square left, index)} of causes that, fitted to the true one, leave less than tie."""
+    true, near = problem.places[index], {}
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
         if candidate.cause == problem.candidates[index].cause:
             continue
         expected = attribution.misfit(gram, true, ratio.value, place, problem.size) - ratio.dof
-        if expected < min(tie, left.get(candidate.cause, (np.inf, -1))[0]):
-            left[candidate.cause] = (expected, k)
-    return left
+        if expected < min(tie, near.get(candidate.cause, (np.inf, -1))[0]):
+            near[candidate.cause] = (expected, k)
+    return near
 
 
 def _as_good(problem, gram, index, ratio, tie):
-    """Drivers in no list that describe this data as well as what was named, within half the limit; as of `_near`."""
+    """{driver in no list: (expected chi-square left, index)} of those whose score is within tie/2 of the named one."""
     near = {}
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
         other = None if candidate.listed else attribution.ratio(gram, place, problem.size)
         if other is None or not other.dof:
             continue
-        lost = ratio.gain - other.gain - trials.COST * (ratio.dof - other.dof)
-        if lost < min(tie / 2, near.get(candidate.cause, (np.inf, -1))[0]):
-            near[candidate.cause] = (lost, k)
+        loss = ratio.gain - other.gain - trials.COST * (ratio.dof - other.dof)
+        if loss < min(tie / 2, near.get(candidate.cause, (np.inf, -1))[0]):
+            near[candidate.cause] = (loss, k)
     true = problem.places[index]
-    apart = {k: attribution.misfit(gram, true, ratio.value, problem.places[k], problem.size) for _, k in near.values()}
-    return {cause: (apart[k] - ratio.dof, k) for cause, (_, k) in near.items()}
+    left = {k: attribution.misfit(gram, true, ratio.value, problem.places[k], problem.size) for _, k in near.values()}
+    return {cause: (left[k] - ratio.dof, k) for cause, (_, k) in near.items()}
 
 
 def _result(problem, findings, tests, baseline, first):
+    """Result with chi-square, shared parameters (p,) and covariance (p, p) of the fits before and after."""
     total, width, ends = problem.total, problem.shared.stop - 1, []
     for fixed in (baseline_of(problem, ()), baseline):
         covariance = inverse_of_baseline(problem, fixed)
@@ -383,23 +384,23 @@ MANY = 10.0  # log of what a probability that is zero to rounding was corrected 
 
 
 def merged(problem: Problem, chosen: list, choice) -> list:
-    """Several forms of one listed cause become the form with all its parameters, of several shapes the best."""
+    """Names [(index, Trial)] with several forms of a listed cause replaced by its best form with all parameters."""
     causes = [problem.candidates[k].cause for k, _ in chosen]
-    apart = {c.cause for c in problem.candidates if c.apart}
-    twice = next((c for c in causes if causes.count(c) > 1 and c not in apart and not c.startswith("unknown:")), None)
+    several = {c.cause for c in problem.candidates if c.apart}
+    twice = next((c for c in causes if causes.count(c) > 1 and c not in several and not c.startswith("unknown:")), None)
     wide = [k for k, c in enumerate(problem.candidates) if c.cause == twice and not c.local]
     if twice is None or not wide:
         return chosen
     most = max(len(problem.candidates[k].names) for k in wide)
-    whole = {k for k in wide if len(problem.candidates[k].names) == most}
+    widest = {k for k in wide if len(problem.candidates[k].names) == most}
     kept = [one for one, cause in zip(chosen, causes, strict=True) if cause != twice]
     rows = trials.tried(problem, baseline_of(problem, [k for k, _ in kept]), choice, [k for k, _ in kept])
-    best = max((t for t in rows if t.index in whole), key=lambda t: t.gain, default=None)
+    best = max((t for t in rows if t.index in widest), key=lambda t: t.gain, default=None)
     return [*kept, (best.index, best)] if best else chosen
 
 
 def without_shadows(problem: Problem, chosen: list) -> list:
-    """Names without those that gain little beside a cause in no list.
+    """Names [(index, Trial)] without those that gain under SHADOW of the largest gain of a cause in no list.
 
     A regressor made of measured channels follows an unknown effect to some ten percent of its size; what it leaves, a
     percent of its gain, looks like anything. That stays unexplained rather than get a name.
@@ -412,35 +413,35 @@ def without_shadows(problem: Problem, chosen: list) -> list:
 
 
 def pruned(problem: Problem, chosen: list) -> list:
-    """Names without those that cancel each other: of two contributions whose sum is small that which gains less goes.
+    """Names without those that cancel: of two contributions whose sum is small, the one of less gain is dropped.
 
-    Each is far larger than what both explain, so that the data speak for neither.
+    Each is far larger than what both explain, so that the data support neither.
     """
     while len(chosen) > 1:
         indices = [k for k, _ in chosen]
         baseline = baseline_of(problem, indices)
         value = inverse_of_baseline(problem, baseline) @ problem.total[baseline, 0]
         gram, width = attribution.projected(problem.total, baseline_of(problem, ())), problem.shared.stop - 1
-        whole = np.zeros((problem.size.size, len(indices)))
+        coefficients = np.zeros((problem.size.size, len(indices)))
         for column, k in enumerate(indices):
-            own = np.isin(baseline, np.arange(problem.places[k].start, problem.places[k].stop))
-            own[:width] = False
-            whole[baseline[own], column] = value[own]
-        power = whole.T @ gram @ whole
+            columns = np.isin(baseline, np.arange(problem.places[k].start, problem.places[k].stop))
+            columns[:width] = False
+            coefficients[baseline[columns], column] = value[columns]
+        power = coefficients.T @ gram @ coefficients
         size = np.diag(power)
         joint = (size[:, None] + size + 2 * power) / np.maximum(np.minimum(size[:, None], size), 1e-300)
         np.fill_diagonal(joint, np.inf)
         if joint.min() > CANCELLED:
             break
         pair = np.unravel_index(np.argmin(joint), joint.shape)
-        rest = np.delete(indices, pair)
-        gains = [(attribution.beside(problem, rest, indices[one]).gain, one) for one in pair]
+        others = np.delete(indices, pair)
+        gains = [(attribution.beside(problem, others, indices[one]).gain, one) for one in pair]
         chosen = [one for k, one in enumerate(chosen) if k != min(gains)[1]]
     return chosen
 
 
 def settled(problem, chosen, choice, noise, before):
-    """Names and adequacy; where too much is left, listed causes give way to ones in no list that are as good."""
+    """Names and adequacy Test; where the fit is not adequate, listed causes yield to equal drivers in no list."""
     if not chosen:
         return chosen, before
     after = adequacy.test(problem, baseline_of(problem, [k for k, _ in chosen]), noise)
@@ -457,9 +458,9 @@ def settled(problem, chosen, choice, noise, before):
 
 
 def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, list]:
-    """Problem and names in which steps to and fro of one size are one signal between two levels, which is no step.
+    """Problem and names, JUMPS or more steps to and fro of one size replaced by one signal between two levels.
 
-    Blocks with an origin of their own tell no sign of one beside another, so that a step may go either way in each.
+    The relative sign of blocks with separate origins is not observable, so that a step may go either way in each.
     """
     candidates = [(k, problem.candidates[k]) for k, _ in chosen]
     candidates = [(k, one) for k, one in candidates if slug_of(one.cause) == choice.step_cause and not one.apart]
@@ -469,44 +470,43 @@ def jumping(problem: Problem, chosen: list, choice: Choice) -> tuple[Problem, li
     steps, first = sorted(epoch, key=epoch.get), candidates[0][1]
     width = len(first.names)
     others = [one for one in chosen if one[0] not in epoch]
-    rest = [k for k, _ in others]
-    gram = attribution.projected(problem.total, baseline_of(problem, rest))
+    indices = [k for k, _ in others]
+    gram = attribution.projected(problem.total, baseline_of(problem, indices))
     columns = np.concatenate([np.arange(problem.places[k].start, problem.places[k].stop) for k in steps])
-    whole, right = gram[np.ix_(columns, columns)], gram[columns, 0]
-    covariance = inverse_of(whole)
+    normal, right = gram[np.ix_(columns, columns)], gram[columns, 0]
+    covariance = inverse_of(normal)
     sizes = (covariance @ right).reshape(-1, width)
-    along = np.kron(np.eye(len(steps)), np.linalg.svd(sizes)[2][0])
-    size, error = along @ sizes.ravel(), np.sqrt(np.diag(along @ covariance @ along.T))
-    turns, mean = np.sign(size), np.mean(np.abs(size))
-    common = np.kron(turns[:, None], np.eye(width))
-    apart, one = (m.T @ right @ inverse_of(m.T @ whole @ m) @ (m.T @ right) for m in (np.eye(columns.size), common))
-    alike = np.all(np.abs(np.abs(size) - mean) < SAME * mean + 2 * error) or np.all(turns[1:] != turns[:-1])
-    if not alike or apart - one - columns.size + width > SHADOW * one:
+    projection = np.kron(np.eye(len(steps)), np.linalg.svd(sizes)[2][0])
+    size, error = projection @ sizes.ravel(), np.sqrt(np.diag(projection @ covariance @ projection.T))
+    signs, mean = np.sign(size), np.mean(np.abs(size))
+    common = np.kron(signs[:, None], np.eye(width))
+    free, one = (m.T @ right @ inverse_of(m.T @ normal @ m) @ (m.T @ right) for m in (np.eye(columns.size), common))
+    equal = np.all(np.abs(np.abs(size) - mean) < SAME * mean + 2 * error) or np.all(signs[1:] != signs[:-1])
+    if not equal or free - one - columns.size + width > SHADOW * one:
         return problem, chosen
     parts = list(zip(*(problem.candidates[k].columns for k in steps), strict=True))
-    made = [sum(t * np.zeros(1) if c is None else t * c for t, c in zip(turns, row, strict=True)) for row in parts]
+    made = [sum(t * np.zeros(1) if c is None else t * c for t, c in zip(signs, row, strict=True)) for row in parts]
     made = [None if all(c is None for c in row) else m for row, m in zip(parts, made, strict=True)]
     touched = [block for block, m in zip(problem.blocks, made, strict=True) if m is not None]
-    begun = min(touched, key=lambda block: block.time.min())
-    span = np.array([epoch[steps[0]], epoch[steps[-1]]]) - begun.time.min()
+    earliest = min(touched, key=lambda block: block.time.min())
+    span = np.array([epoch[steps[0]], epoch[steps[-1]]]) - earliest.time.min()
     about = span, lambda _: made, span[None], span, span
     shape = Shape(("from", "to"), ("s", "s"), *about, covariance=np.zeros((2, 2)))
-    where = f"{span[0]:.0f} to {span[1]:.0f} s after {begun.label} begins"
+    where = f"{span[0]:.0f} to {span[1]:.0f} s after {earliest.label} begins"
     form = f"excess in the {touched[0].channel[0]} reading, {len(steps)} jumps between two levels, {where}"
     candidate = Candidate(trials.EXCESS, form, first.names, first.units, made, shape=shape)
     grown, index = extended(problem, candidate), len(problem.candidates)
-    ratio = attribution.beside(grown, rest, index)
+    ratio = attribution.beside(grown, indices, index)
     worst = max(trial.significance for k, trial in chosen if k in epoch)
     trial = trials.Trial("excess", trials.EXCESS, form, index, ratio.gain, ratio.dof, ratio.log_p, worst)
     return grown, [*others, (index, trial)]
 
 
 def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
-    """Problem, names and adequacy with the power beyond noise that follows nothing.
+    """Problem, names and adequacy Test with up to EXCESSES excesses of power that follow no regressor named.
 
-    Names that pass no more beside it go, and lines in its band: they take some of the power of a chirp, or of a signal
-    that jumps at random. An excess that is small beside the names is what their form leaves, and gets none. Two levels
-    are looked for until they are found.
+    Names no longer significant with it are dropped, and lines in its band, parts of a chirp or a telegraph signal.
+    An excess much smaller than the names is what their form leaves and is not named. Two levels are sought until found.
     """
     jumps = None
     for _ in range(EXCESSES):
@@ -527,11 +527,11 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
         lines = [one for one in chosen if one[1].kind == "line" and one[1].channel == after.excess.channel]
         lines = [one for one in lines if low <= one[1].at <= high]
         others = [one for one in chosen if one not in lines]
-        rest = [k for k, _ in others]
-        alone = {k: attribution.beside(grown, rest, k).log_p for k in (index, *(k for k, _ in lines))}
+        indices = [k for k, _ in others]
+        alone = {k: attribution.beside(grown, indices, k).log_p for k in (index, *(k for k, _ in lines))}
         gains = [attribution.beside(problem, [j for j in used if j != k], k).gain for k in used]
-        small = ratio.gain - ratio.dof < SHADOW * max(gains, default=0.0)
-        if small or min(alone, key=alone.get) != index:  # it is what a line leaves that is less likely by chance
+        minor = ratio.gain - ratio.dof < SHADOW * max(gains, default=0.0)
+        if minor or min(alone, key=alone.get) != index:  # it is what a line leaves that is less likely by chance
             if telegraph:  # two levels are not all there is: the place itself
                 continue
             break
@@ -546,7 +546,7 @@ def with_excess(problem: Problem, chosen: list, choice, noise, after) -> tuple:
 
 
 def _given_way(problem, chosen, position, choice, least):
-    """Names with one replaced by the best significant cause in no list, if its score is above the least."""
+    """Names with that at a position replaced by the best significant driver in no list of score above least."""
     others = [k for i, (k, _) in enumerate(chosen) if i != position]
     rows = trials.tried(problem, baseline_of(problem, others), choice, others)
     rows = [t for t in rows if t.kind == "unknown" and t.significance < choice.level and t.score > least]
@@ -557,7 +557,7 @@ def _given_way(problem, chosen, position, choice, least):
 
 
 def _agreed(problem, others, index):
-    """Whether all blocks agree on the value of a cause."""
+    """True if all blocks agree on one value of candidate `index`, with others, indices, in the baseline."""
     baseline, place = baseline_of(problem, others), problem.places[index]
     extra, dof = attribution.disagreement(problem.gram, baseline, place, problem.size)
     gain = attribution.beside(problem, others, index).gain

@@ -1,6 +1,6 @@
 """Everything that is tried in a round: candidates, lines, steps and pairs, corrected for their number.
 
-Causes with a shape, such as the frequency of a mode, are fitted where a search along a grid has found them.
+Causes with a shape, such as a frequency, are refined where a grid search finds them; `choice` is `rounds.Choice`.
 """
 
 from __future__ import annotations
@@ -51,9 +51,9 @@ class Trial(NamedTuple):
     cause: str
     form: str
     index: int  #: of the candidate; -1 for a line or step that is none yet
-    gain: float  #: of its likelihood ratio
-    dof: int  #: of that
-    log_p: float  #: of that
+    gain: float  #: chi-square reduction
+    dof: int  #: of the gain
+    log_p: float  #: natural log of the p-value of the gain, not corrected
     significance: float  #: probability of as much by chance anywhere, corrected for everything that was tried
     channel: str = ""
     place: int = -1
@@ -62,12 +62,12 @@ class Trial(NamedTuple):
 
     @property
     def score(self) -> float:
-        """Gain less what the parameters cost."""
+        """Gain less COST for each parameter, as in Akaike's criterion."""
         return self.gain - COST * self.dof
 
 
 def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial]:
-    """Trials beside a baseline."""
+    """Trials of every candidate but those used, line and step, each by itself added to the baseline columns (p,)."""
     gram = attribution.projected(problem.total, baseline)
     rows = []
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
@@ -81,8 +81,8 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
     log_p = chi2_tail.log_tail([row[4] for row in rows], [row[5] for row in rows], choice.freedom).tolist()
     rows = [(*row, p) for row, p in zip(rows, log_p, strict=True)] + _along(problem, baseline, choice)
     count = collections.Counter(row[0] for row in rows)  # of a kind, which has its share of the level
-    times = {kind: np.log(number / SHARES[kind]) for kind, number in count.items()}
-    chance = np.minimum(1.0, np.exp([row[6] + times[row[0]] for row in rows])).tolist()
+    correction = {kind: np.log(number / SHARES[kind]) for kind, number in count.items()}
+    chance = np.minimum(1.0, np.exp([row[6] + correction[row[0]] for row in rows])).tolist()
     return [Trial(*row[:7], p, *row[7:]) for row, p in zip(rows, chance, strict=True)]
 
 
@@ -91,35 +91,35 @@ CLOSE, AT_ONCE = -9.0, 2
 
 
 def widened(problem: Problem, rows: list[Trial]) -> Problem:
-    """Problem with the laws of those series in no list that come near, once each; as it was where none does."""
-    near = sorted((t for t in rows if t.kind == "unknown" and t.log_p < CLOSE), key=lambda t: -t.score)
-    made = {}
-    for trial in near:
+    """Problem with the further laws (`Wider`) of drivers in no list that come near significance; the same if none."""
+    close = sorted((t for t in rows if t.kind == "unknown" and t.log_p < CLOSE), key=lambda t: -t.score)
+    laws = {}
+    for trial in close:
         wider = problem.candidates[trial.index].wider
-        if wider is not None and wider.key not in made and len(made) < AT_ONCE:
-            made[wider.key] = wider.made()
-    more = [one for some in made.values() for one in some]
-    if not more:
+        if wider is not None and wider.key not in laws and len(laws) < AT_ONCE:
+            laws[wider.key] = wider.made()
+    further = [one for group in laws.values() for one in group]
+    if not further:
         return problem
-    kept = [replace(c, wider=None) if c.wider and c.wider.key in made else c for c in problem.candidates]
-    return replace(prepare(problem.blocks, [*kept, *more]), memory=problem.memory)
+    kept = [replace(c, wider=None) if c.wider and c.wider.key in laws else c for c in problem.candidates]
+    return replace(prepare(problem.blocks, [*kept, *further]), memory=problem.memory)
 
 
 def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) -> tuple[Problem, list[Trial]]:
-    """Problem and trials with those few parameters of a listed cause that describe the data better than one or all do.
+    """Problem and trials with those few parameters of a listed cause that describe the data better than one or all.
 
     Found one after the other, each the best beside those before it, of causes that are significant with all their
     parameters; the number of ways to choose as many counts in the correction. A vector has all of its three components:
     one that is left out because the data hardly see it would leave others better known than they are.
     """
     gram = attribution.projected(problem.total, baseline)
-    known = {(c.cause, c.form) for c in problem.candidates}
+    existing = {(c.cause, c.form) for c in problem.candidates}
     tried = sum(t.kind == "listed" for t in rows)
-    for whole in [t for t in rows if t.kind == "listed" and t.significance < choice.level and t.dof > len(AXES)]:
-        candidate, place = problem.candidates[whole.index], problem.places[whole.index]
+    for full in [t for t in rows if t.kind == "listed" and t.significance < choice.level and t.dof > len(AXES)]:
+        candidate, place = problem.candidates[full.index], problem.places[full.index]
         if candidate.shape is not None or not candidate.prior or candidate.local or "alone" in candidate.form:
             continue
-        count, kept, best, most = len(candidate.names), [], whole, -np.inf
+        count, kept, best, most = len(candidate.names), [], full, -np.inf
         columns, few = np.arange(place.start, place.stop), []
         while len(kept) < count - 1:
             left = [k for k in range(count) if k not in kept]
@@ -128,9 +128,9 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
             kept.append(next_one)
             worth = gain - COST * dof - 2 * np.sum(np.log(np.arange(len(left), count + 1)))  # the best of so many, each
             if worth > most:
-                best, few, most = whole._replace(gain=gain, dof=dof), sorted(kept), worth
+                best, few, most = full._replace(gain=gain, dof=dof), sorted(kept), worth
         words = ", ".join(candidate.names[k] for k in few)
-        if len(few) < 2 or (candidate.cause, f"{words} alone") in known or best.score < whole.score:
+        if len(few) < 2 or (candidate.cause, f"{words} alone") in existing or best.score < full.score:
             continue
         log_p = float(chi2_tail.log_tail(best.gain, best.dof, choice.freedom))
         chance = float(np.exp(min(log_p + np.log(tried * comb(count, len(few)) / SHARES["listed"]), 0.0)))
@@ -141,10 +141,10 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
 
 
 def _along(problem, baseline, choice):
-    """Lines and steps: fields of `Trial` without their significance."""
-    rest = residuals_of(problem, baseline, observed_rows(problem))
-    scans = [scan.lines(problem, baseline, rest, c) for c in choice.tone_causes]
-    scans.append(scan.steps(problem, baseline, rest))
+    """Fields of `Trial`, but for the significance, of all lines and steps added to the baseline columns (p,)."""
+    residuals = residuals_of(problem, baseline, observed_rows(problem))
+    scans = [scan.lines(problem, baseline, residuals, c) for c in choice.tone_causes]
+    scans.append(scan.steps(problem, baseline, residuals))
     rows = []
     for one in scans:
         gain = one.gain[:, 0] if one.at.size else np.zeros(0)
@@ -160,25 +160,25 @@ def _along(problem, baseline, choice):
 
 
 def tuned(problem: Problem, baseline: np.ndarray, trial: Trial) -> tuple[float, float]:
-    """Frequency of a line with its error, between the frequencies of the search: where the gain is largest."""
-    rest = residuals_of(problem, baseline, observed_rows(problem))
+    """Frequency Hz of a line and its sigma, between the frequencies of the search: where the gain is largest."""
+    residuals = residuals_of(problem, baseline, observed_rows(problem))
     at, width = trial.at, np.sqrt(12) * trial.at_sigma
     for _ in range(3):
         grid = at + width * np.linspace(-1, 1, 21)
-        gain = scan.line_gains(problem, baseline, rest, trial.channel, grid)[0][trial.place, :, 0]
+        gain = scan.line_gains(problem, baseline, residuals, trial.channel, grid)[0][trial.place, :, 0]
         best = int(np.clip(np.argmax(gain), 1, grid.size - 2))
         at, width = grid[best], width / 5
     below, middle, above = gain[best - 1 : best + 2]
-    bend = (2 * middle - below - above) / (grid[1] - grid[0]) ** 2
-    return float(at), float(np.sqrt(2 / bend)) if bend > 0 else float(trial.at_sigma)
+    curvature = (2 * middle - below - above) / (grid[1] - grid[0]) ** 2
+    return float(at), float(np.sqrt(2 / curvature)) if curvature > 0 else float(trial.at_sigma)
 
 
 def located(trial: Trial, rows: list[Trial]) -> tuple[float, float]:
-    """Epoch of a step with its error: mean and spread under the likelihood of its neighbours."""
-    like = (trial.kind, trial.channel, trial.place, trial.dof)
-    near = [r for r in rows if (r.kind, r.channel, r.place, r.dof) == like]
-    near = [r for r in near if abs(r.at - trial.at) < 20 * np.sqrt(12) * trial.at_sigma] or [trial]
-    at, gain = np.array([(r.at, r.gain) for r in near]).T
+    """Epoch s of a step and its sigma: mean and spread under the likelihood of the trials at epochs near it."""
+    key = (trial.kind, trial.channel, trial.place, trial.dof)
+    neighbours = [r for r in rows if (r.kind, r.channel, r.place, r.dof) == key]
+    neighbours = [r for r in neighbours if abs(r.at - trial.at) < 20 * np.sqrt(12) * trial.at_sigma] or [trial]
+    at, gain = np.array([(r.at, r.gain) for r in neighbours]).T
     return attribution.likely(at, gain, np.sqrt(12) * trial.at_sigma)
 
 
@@ -206,7 +206,7 @@ def with_candidate(problem: Problem, trial: Trial) -> tuple[Problem, int]:
 
 
 def excess_of(problem: Problem, excess: scan.Excess) -> Candidate | None:
-    """Candidate of sines of any size in a tile, or on a path, in each block and axis; None of too many to fit."""
+    """Candidate of sines of free amplitude in a tile or along a chirp, in each block and axis; None if over WIDEST."""
     times = {k: b.time[b.channel == excess.channel] for k, b in enumerate(problem.blocks) if excess.block in (-1, k)}
     begins = {k: time.min() for k, time in times.items() if time.size}
     axes = [excess.axis] if excess.axis >= 0 else [0, 1, 2]
@@ -217,19 +217,19 @@ def excess_of(problem: Problem, excess: scan.Excess) -> Candidate | None:
     if count > WIDEST:
         return None
     started = begins
-    first, whole = min(begins.values()), length  # of a drifting line the first block, and all of them
+    first, duration = min(begins.values()), length  # of a drifting line the first block, and all of them
     if excess.kind == "drift":
-        begins, whole = dict.fromkeys(begins, first), length + max(begins.values()) - first
+        begins, duration = dict.fromkeys(begins, first), length + max(begins.values()) - first
 
-    def columns(value):
-        begin, change = (value[:1], np.diff(value) / (2 * whole)) if path else (bins, 0.0)
-        made = [np.zeros((block.observed.size, count)) for block in problem.blocks]
+    def columns(value):  # (n, count) of each block; value: first and last frequency Hz of a path
+        begin, change = (value[:1], np.diff(value) / (2 * duration)) if path else (bins, 0.0)
+        sines = [np.zeros((block.observed.size, count)) for block in problem.blocks]
         for (k, axis), part in zip(places, np.split(np.arange(count), len(places)), strict=True):
             rows = _rows(problem.blocks[k], excess, axis, started[k])
             since = (problem.blocks[k].time[rows] - begins[k] - excess.span[0])[:, None]
             phase = 2 * np.pi * (begin + change * since) * since
-            made[k][np.ix_(rows, part)] = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
-        return made
+            sines[k][np.ix_(rows, part)] = np.concatenate([np.cos(phase), np.sin(phase)], axis=1)
+        return sines
 
     words = f"{excess.channel} reading{f' {AXES[excess.axis]}' if excess.axis >= 0 else ''}"
     label = problem.blocks[excess.block].label if excess.block >= 0 else excess.channel
@@ -250,18 +250,18 @@ def excess_of(problem: Problem, excess: scan.Excess) -> Candidate | None:
 
 
 def telegraph_of(problem: Problem, baseline: np.ndarray, channel: str) -> Candidate | None:
-    """Candidate of jumps to and fro between two levels in a channel, None where any noise is as likely.
+    """Candidate of jumps between two levels in a channel, None where autoregressive noise is as likely.
 
-    It is that on the axis of a block where they are likeliest by most, beside a baseline.
+    It acts on the axis of a block where its likelihood gains most over such noise, the baseline columns fitted too.
     """
     best, blocks = (0.0,), problem.blocks
     for (k, block), axis in itertools.product(enumerate(blocks), range(3)):
         rows = np.flatnonzero((block.channel == channel) & (block.axis == axis) & weighted_rows(block))
         if rows.size >= scan.SHORTEST:
             rows = rows[np.argsort(block.time[rows])]
-            whole = problem.columns[k].of(np.append(0, baseline))[rows]
-            slow = orthonormal(np.concatenate([whole[:, 1:], problem.bases[k][rows]], axis=1), 1e-6)
-            _, (state,), gain = two_levels([whole[:, 0]], [slow])
+            columns_there = problem.columns[k].of(np.append(0, baseline))[rows]
+            slow = orthonormal(np.concatenate([columns_there[:, 1:], problem.bases[k][rows]], axis=1), 1e-6)
+            _, (state,), gain = two_levels([columns_there[:, 0]], [slow])
             if gain > best[0]:
                 best = gain, k, axis, rows, state
     if len(best) == 1:
@@ -278,13 +278,13 @@ def telegraph_of(problem: Problem, baseline: np.ndarray, channel: str) -> Candid
 
 
 def _rows(block, excess, axis, begin):
-    """Rows (n,) of an axis in the stretch of an excess, of a record that begins at a time s."""
-    here, since = (block.channel == excess.channel) & (block.axis == axis), block.time - begin
-    return here & weighted_rows(block) & (since >= excess.span[0]) & (since <= excess.span[1])
+    """True (n,) for weighted rows of an axis in the time span of an excess, counted from `begin` s of the record."""
+    on_axis, since = (block.channel == excess.channel) & (block.axis == axis), block.time - begin
+    return on_axis & weighted_rows(block) & (since >= excess.span[0]) & (since <= excess.span[1])
 
 
 def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: float) -> tuple[float, str]:
-    """Twice the log likelihood gained on data left out, and which: "manoeuvres" or "blocks" of time.
+    """Twice the log likelihood gained on held-out data by candidate index, and which: "manoeuvres" or "blocks" of time.
 
     What every block has in common is fitted without one block and tested on it; what belongs to single blocks is
     fitted in every second stretch of so many seconds and tested on the others. Of a cause with parameters of both kinds
@@ -299,10 +299,10 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
         return across, "manoeuvres"
     gain = 0.0
     for i in np.flatnonzero(size.max(axis=1) > 0):
-        mine = where[size[i] > 0]
-        parts = halves(problem, int(i), segment_s, np.concatenate([baseline, mine]))
+        acting = where[size[i] > 0]
+        parts = halves(problem, int(i), segment_s, np.concatenate([baseline, acting]))
         fixed = 1 + np.arange(baseline.size)
-        gain += attribution.held_out(parts, fixed, 1 + baseline.size + np.arange(mine.size))
+        gain += attribution.held_out(parts, fixed, 1 + baseline.size + np.arange(acting.size))
     return (float(across), "manoeuvres") if across > gain else (float(gain), "blocks")
 
 
@@ -311,7 +311,7 @@ PAIRED = 30
 
 
 def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) -> tuple[Trial, float] | None:
-    """Better half of the best pair of listed causes, and the score of the pair; None if no pair passes.
+    """Trial with the better score of the best pair of listed causes, and the pair's score; None if none passes.
 
     Each of the two has to be significant beside the other, corrected for the number of listed trials.
     """
@@ -327,7 +327,7 @@ def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice)
             places = [problem.places[t.index] for t in (one, other)]
             gain, dof, _ = attribution.gained(gram, np.r_[places[0], places[1]], problem.size)
             lost = [(gain - t.gain, max(dof - t.dof, 1)) for t in (one, other)]
-            alone = [chi2_tail.log_tail(*each, choice.freedom) for each in lost]
+            alone = [chi2_tail.log_tail(*change, choice.freedom) for change in lost]
             score = gain - COST * dof
             if max(alone) < limit and (best is None or score > best[1]):
                 best = (one if one.score > other.score else other, score)
@@ -336,14 +336,14 @@ def best_pair(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice)
 
 SHARE = 0.2  # of the largest gain of a round, from which a cause of any size may win
 NEAR = 1.0  # of chi-square below the best form, within which one that was refined beside other causes will do
-EVALUATIONS = 40  # of the search for the largest gain, beyond those that it begins with
-STEP = 1e-4  # relative, for derivatives by the shape
+EVALUATIONS = 40  # of the gain at most in the search for its maximum, beyond the starting values
+STEP = 1e-4  # relative, for numerical derivatives by the shape values
 #: Of a size under the likelihood: first guess of its relative error, sizes tried on either side, and how often.
 FIRST, AROUND, PASSES = 0.02, 6, 3
 
 
 class _Beside:
-    """What stays the same while a shape is fitted: residual and columns of the baseline."""
+    """Residuals, columns and covariance of a baseline, which stay the same while a shape is fitted."""
 
     def __init__(self, problem, baseline):
         self.problem, self.inverse = problem, inverse_of_baseline(problem, baseline)
@@ -351,32 +351,32 @@ class _Beside:
         self.columns = [c.of(baseline) for c in problem.columns]
 
     def products(self, parts):
-        """Products (q, q) and (q,) of columns with each other and with the residual, baseline projected out.
+        """Gram (q, q) of columns, (n, q) or None a block, and products (q,) with the residual, baseline projected out.
 
         Baseline and residual have no local columns left in them; only rows where the columns are not zero count.
         """
         crossed, inner, right = 0.0, 0.0, 0.0
-        for basis, rest, known, part in zip(self.problem.bases, self.rest, self.columns, parts, strict=True):
+        for basis, residual, fitted, part in zip(self.problem.bases, self.rest, self.columns, parts, strict=True):
             if part is not None:
                 rows = np.flatnonzero(part.any(axis=1))
                 used = slice(rows[0], rows[-1] + 1) if rows.size else slice(0)
-                own, inside = part[used], basis[used].T @ part[used]
-                inner = inner + own.T @ own - inside.T @ inside
-                crossed, right = crossed + known[used].T @ own, right + own.T @ rest[used, 0]
+                columns, inside = part[used], basis[used].T @ part[used]
+                inner = inner + columns.T @ columns - inside.T @ inside
+                crossed, right = crossed + fitted[used].T @ columns, right + columns.T @ residual[used, 0]
         return inner - crossed.T @ self.inverse @ crossed, right
 
     def gain(self, parts, size=None):
-        """Gain of columns, and their values (q,), which are fitted unless given."""
+        """Chi-square gain of columns, (n, q) or None a block, and their values (q,): fitted, or size of one column."""
         inner, right = self.products(parts)
         value = inverse_of(inner) @ right if size is None else np.array([size])
         return float(2 * right @ value - value @ inner @ value), value
 
     def inside(self, shape, value):
-        """Numbers of the blocks where they fit best."""
+        """Tuple with the numbers (b,) of the blocks, fitted at shape values (s,); empty if the shape has none."""
         return () if shape.inside is None else (shape.inside(value, self.rest, self.problem.bases),)
 
     def gain_of(self, shape, value):
-        """Gain of a shape."""
+        """Chi-square gain of a shape at values (s,)."""
         parts = shape.columns(value, *self.inside(shape, value))
         return self.gain(parts, value[0] if shape.sized else None)[0]
 
@@ -394,17 +394,17 @@ def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem
 
 
 def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, list]:
-    """Problem and trials, with causes whose size is their shape at their largest gain where they may win.
+    """Problem and trials, the best cause whose size is a shape value moved to its largest gain if it may win.
 
     What is tried of them is far from linear in the size, so that a form of the grid says little of how well they fit.
-    Their errors cost twice as much as that and are found when one of them has won.
+    Their errors cost twice as much and are computed when one of them has won.
     """
     most = max((t.gain for t in rows), default=0.0)
     shapes = {t.index: problem.candidates[t.index].shape for t in rows if t.index >= 0}
     sized_trials = [t for t in rows if t.index >= 0 and shapes[t.index] is not None and shapes[t.index].sized]
     best = max(sized_trials, key=lambda t: t.gain, default=None)
-    known = [t for t in sized_trials if len(shapes[t.index].tried) == 1]
-    if best is None or best.gain < SHARE * most or any(t.gain > best.gain - NEAR for t in known):
+    settled_trials = [t for t in sized_trials if len(shapes[t.index].tried) == 1]
+    if best is None or best.gain < SHARE * most or any(t.gain > best.gain - NEAR for t in settled_trials):
         return problem, rows
     candidate, beside, index = problem.candidates[best.index], _Beside(problem, baseline), len(problem.candidates)
     value = _largest(candidate.shape, beside)
@@ -418,7 +418,7 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
 
 
 def _largest(shape: Shape, beside):
-    """Shape of largest gain: the best of those to begin with, then a simplex in their logarithms."""
+    """Shape values (s,) of largest gain: the best of the starting values, then a simplex in their logarithms."""
     from scipy.optimize import minimize, minimize_scalar
 
     loss = lambda u: -beside.gain_of(shape, np.exp(u))  # noqa: E731
@@ -440,24 +440,24 @@ def _largest(shape: Shape, beside):
 
 
 def _with_errors(candidate: Candidate, value, beside):
-    """Candidate in a shape, with the errors of the shape and of the parameters by it, from the joint fit of both."""
+    """Candidate at shape values (s,), with covariances of these and of the parameters from a joint fit of both."""
     shape, parts = candidate.shape, candidate.shape.columns(value)
-    _, size = beside.gain(parts)
-    slopes = [_slope(shape, value, k, size) for k in range(value.size)]
-    bent = [np.column_stack([0 * r if s[i] is None else s[i] for s in slopes]) for i, r in enumerate(beside.rest)]
-    inner, _ = beside.products([None if p is None else np.hstack([p, b]) for p, b in zip(parts, bent, strict=True)])
-    joint, count = inverse_of(inner), size.size
+    _, sizes = beside.gain(parts)
+    slopes = [_slope(shape, value, k, sizes) for k in range(value.size)]
+    jacobian = [np.column_stack([0 * r if s[i] is None else s[i] for s in slopes]) for i, r in enumerate(beside.rest)]
+    inner, _ = beside.products([None if p is None else np.hstack([p, b]) for p, b in zip(parts, jacobian, strict=True)])
+    joint, count = inverse_of(inner), sizes.size
     alone = inverse_of(inner[:count, :count])
-    known = replace(shape, value=value, covariance=joint[count:, count:], slopes=bent)
+    refined_shape = replace(shape, value=value, covariance=joint[count:, count:], slopes=jacobian)
     spread = joint[:count, :count] - alone
-    return replace(candidate, form=_form(shape, value), columns=parts, shape=known, spread=spread)
+    return replace(candidate, form=_form(shape, value), columns=parts, shape=refined_shape, spread=spread)
 
 
 def _with_spread(candidate: Candidate, value, beside):
-    """Candidate whose size is its shape: mean and standard deviation of its logarithm under the likelihood.
+    """Candidate whose size is its shape value: mean and standard deviation of its log under the likelihood.
 
-    Where the numbers of the blocks fit best changes with the size, by leaps, so that the gain is bent differently to
-    either side.
+    The best numbers of the blocks (`Shape.inside`) change with the size by leaps, so that the gain is curved
+    differently on either side.
     """
     shape, about, width = candidate.shape, np.log(value), FIRST
     for _ in range(PASSES):
@@ -470,21 +470,21 @@ def _with_spread(candidate: Candidate, value, beside):
     chosen = beside.inside(shape, value)
     parts = shape.columns(value, *chosen)
     alone = inverse_of(beside.products(parts)[0])
-    held = {"covariance": np.diag(variance), "chosen": next(iter(chosen), None)}
-    known = replace(shape, value=value, tried=value[None], **held)
+    fields = {"covariance": np.diag(variance), "chosen": next(iter(chosen), None)}
+    refined_shape = replace(shape, value=value, tried=value[None], **fields)
     spread = np.maximum(np.diag(variance) - alone, 0.0)
-    return replace(candidate, form=_form(shape, value), columns=parts, shape=known, spread=spread)
+    return replace(candidate, form=_form(shape, value), columns=parts, shape=refined_shape, spread=spread)
 
 
 def _form(shape, value):
-    """Shape in words."""
+    """Form of a candidate in words: those of its shape, then name, value and unit of each shape value."""
     rows = zip(shape.names, value, shape.units, strict=True)
     words = [shape.words] if shape.words else []
     return ", ".join(words + [f"{n} {v:.4g} {u}".removesuffix(" 1") for n, v, u in rows])
 
 
 def _slope(shape, value, k, size):
-    """Derivative of what the cause adds by one number of its shape, (n,) or None a block."""
+    """Partial derivative by shape value k of the signal of parameters size (q,), (n,) or None a block."""
     step = np.zeros(value.size)
     step[k] = STEP * value[k]
     ends = zip(shape.columns(value + step), shape.columns(value - step), strict=True)

@@ -5,9 +5,9 @@ from scipy import special
 
 
 def log_tail(chi2, dof, freedom: float = np.inf) -> np.ndarray:
-    """Logarithm of the probability that a chi-square of so many degrees of freedom is larger; -inf below 1e-308.
+    """Natural log of the probability of a larger chi-square of `dof` degrees of freedom; -inf below 1e-308.
 
-    Where the variance that it is counted in was itself measured, with some freedom, chi2 / dof has an F distribution.
+    With a variance that was itself estimated, with `freedom` degrees of freedom, chi2 / dof has an F distribution.
     """
     chi2, dof = np.maximum(chi2, 0.0), np.asarray(dof)
     with np.errstate(divide="ignore"):
@@ -17,20 +17,20 @@ def log_tail(chi2, dof, freedom: float = np.inf) -> np.ndarray:
 
 
 def log_tail_of_level(chi2: float, dof: int, freedom: float, error: float) -> float:
-    """`log_tail` where the logarithm of the variance that it is counted in has a normal error of its own."""
-    off = np.linspace(-12.0, 12.0, 481)
-    rows = log_tail(chi2 * np.exp(-error * off), dof, freedom) - off**2 / 2
-    return float(special.logsumexp(rows) + np.log((off[1] - off[0]) / np.sqrt(2 * np.pi)))
+    """`log_tail` averaged over a normal error, sigma `error`, of the log of the variance that chi2 is divided by."""
+    deviate = np.linspace(-12.0, 12.0, 481)
+    log_p = log_tail(chi2 * np.exp(-error * deviate), dof, freedom) - deviate**2 / 2
+    return float(special.logsumexp(log_p) + np.log((deviate[1] - deviate[0]) / np.sqrt(2 * np.pi)))
 
 
 def least_log_tail(chi2: np.ndarray, dof: np.ndarray) -> np.ndarray:
-    """Smallest `log_tail` over many (k, d), for each column: that of the largest of each of the numbers `dof` (k,)."""
+    """Least `log_tail` (d,) of each column of many chi-squares (k, d) with degrees of freedom (k,)."""
     kinds = np.unique(dof)
     return log_tail(np.stack([chi2[dof == kind].max(axis=0) for kind in kinds]), kinds[:, None]).min(axis=0)
 
 
 def log_gamma_tail(value, shape: float, mean: float, *, smaller: bool = False) -> np.ndarray:
-    """Logarithm of the probability of a larger (or smaller) value of the gamma distribution of this shape and mean."""
-    share = special.gammainc if smaller else special.gammaincc
+    """Natural log of the probability of a larger, or smaller, value of a gamma distribution of shape and mean."""
+    tail = special.gammainc if smaller else special.gammaincc
     with np.errstate(divide="ignore"):
-        return np.log(share(shape, np.maximum(value, 0.0) * shape / mean))
+        return np.log(tail(shape, np.maximum(value, 0.0) * shape / mean))

@@ -10,7 +10,7 @@ from gravcal.errors import EstimationError
 from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel, whiten
 
-ROUNDING = 1e-9  # of a column's length that the nuisance columns leave of one that they hold
+ROUNDING = 1e-9  # of a column's norm, below which what the nuisance columns leave of it is zero
 
 
 @dataclass(frozen=True)
@@ -18,7 +18,7 @@ class Estimate:
     """Values with their covariance, and how well they describe the observations."""
 
     names: tuple[str, ...]  #: of the parameters
-    unit: str  #: of all of them, or one each divided by commas
+    unit: str  #: of all of them, or one each, separated by commas
     value: np.ndarray  #: (p,), NaN where the observations do not determine it
     covariance: np.ndarray  #: (p, p) unit squared, NaN there
     chi2: float  #: of the residual, noise as measured
@@ -38,7 +38,7 @@ class Estimate:
         return float(chdtrc(self.dof, self.chi2))
 
     def scaled(self, factor: float, unit: str) -> "Estimate":
-        """The same in another unit, or with the other sign."""
+        """The estimate in another unit, values times a factor, negative for the other sign."""
         moved = {"value": factor * self.value, "covariance": factor**2 * self.covariance}
         return replace(self, unit=unit, **moved, information=self.information / factor**2, right=self.right / factor)
 
@@ -52,7 +52,7 @@ class Estimate:
 
 
 def _digits(value, sigma, unit):
-    """Value and sigma with the two digits of the latter, and their unit."""
+    """Text of value, sigma with two digits, and unit."""
     places = int(np.clip(1 - np.floor(np.log10(sigma)), 0, 12)) if sigma > 0 else 4
     text = f"{value:+.{places}f} +- {sigma:.{places}f}" if places <= 6 else f"{value:+.4g} +- {sigma:.2g}"
     return f"{text} {unit.strip()}"
@@ -117,9 +117,9 @@ def estimate(
 
 
 def together(*estimates: Estimate) -> Estimate:
-    """One estimate from several independent ones of the same parameters, such as those of several manoeuvres.
+    """One Estimate from several independent ones of the same parameters, such as those of several manoeuvres.
 
-    The chi-square holds how far they disagree: that of all residuals about the common values.
+    The chi-square is that of all residuals about the common values, so that it includes their disagreement.
     """
     first = estimates[0]
     if any((one.names, one.unit) != (first.names, first.unit) for one in estimates):
@@ -131,14 +131,14 @@ def together(*estimates: Estimate) -> Estimate:
         moved = np.nan_to_num(value) - np.nan_to_num(one.value)
         chi2 += one.chi2 + float(moved @ one.information @ moved)
     dof = sum(one.dof for one in estimates) + (len(estimates) - 1) * len(first.names)
-    rest = np.concatenate([one.residual for one in estimates])
-    return Estimate(first.names, first.unit, value, covariance, chi2, dof, information, right, rest)
+    residual = np.concatenate([one.residual for one in estimates])
+    return Estimate(first.names, first.unit, value, covariance, chi2, dof, information, right, residual)
 
 
 def _solved(information, right):
-    """Values and covariance of normal equations, NaN where not determined."""
+    """Values (p,) and covariance (p, p) of normal equations, NaN where not determined."""
     covariance = least_squares.covariance(information)
-    known = np.isfinite(np.diag(covariance))
+    determined = np.isfinite(np.diag(covariance))
     value = least_squares.stable_inverse(information) @ right
-    covariance = np.where(known[:, None] & known, covariance, np.nan)
-    return np.where(known, value, np.nan), covariance
+    covariance = np.where(determined[:, None] & determined, covariance, np.nan)
+    return np.where(determined, value, np.nan), covariance

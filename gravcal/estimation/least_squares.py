@@ -20,7 +20,7 @@ class Score:
 
     @property
     def value(self) -> np.ndarray:
-        """(p,) solution of this block alone."""
+        """(p,) solution of the estimating equation of this block alone."""
         return stable_inverse(self.normal) @ self.right
 
     def determined(self, about: np.ndarray, limit: float) -> np.ndarray:
@@ -46,8 +46,8 @@ def orthonormal(columns: np.ndarray, tolerance: float = 1e-10) -> np.ndarray:
     used = columns[:, scale > 0] / scale[scale > 0]
     if used.shape[1] == 0:
         return np.zeros((columns.shape[0], 0))
-    left, size, _ = np.linalg.svd(used, full_matrices=False)
-    return left[:, size > tolerance * size[0]]
+    vectors, size, _ = np.linalg.svd(used, full_matrices=False)
+    return vectors[:, size > tolerance * size[0]]
 
 
 def score(
@@ -79,11 +79,11 @@ def covariance(information: np.ndarray) -> np.ndarray:
 
 
 def covariance_of_moves(value: np.ndarray, moved: list[np.ndarray]) -> np.ndarray:
-    """Covariance (..., p, p) of values (..., p) by the errors of something held, from how far they move: sum d d'.
+    """Covariance (..., p, p) of values (..., p) by errors of quantities held fixed: sum d d' of the shifts d.
 
     With S the covariance where what is held is known, S + sum d d' is that where it is estimated: exactly so for least
-    squares of both together. In `moved` what is held is moved by one standard deviation along each direction of its
-    errors; what is not determined in one or in both does not move.
+    squares of both together. `moved` are the values with what is held shifted by one standard deviation along each
+    direction of its errors; what is not determined in one or in both does not move.
     """
     moves = np.stack([one - value for one in moved])
     moves[~np.isfinite(moves)] = 0.0
@@ -92,7 +92,7 @@ def covariance_of_moves(value: np.ndarray, moved: list[np.ndarray]) -> np.ndarra
 
 @dataclass(frozen=True)
 class Combination:
-    """Joint solution of several blocks."""
+    """Joint solution of several observation blocks."""
 
     value: np.ndarray  #: (p,)
     covariance: np.ndarray  #: (p, p) of noise and of the errors of single blocks
@@ -104,9 +104,9 @@ class Combination:
 
 
 def combine(scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray], prior: np.ndarray) -> Combination:
-    """Blocks joined by their estimating equations.
+    """Combination of blocks by the sum of their estimating equations.
 
-    scores : one a block
+    scores : one of each block
     own : (k, p) changes of each block's estimate by one standard deviation of errors of that block alone
     shared : (m, p) the same for errors that act in all blocks together
     prior : (p, p) information about zero, loose, so that what is not determined does not disturb the rest
@@ -121,7 +121,7 @@ def combine(scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray]
     used = vectors[:, size > 10 * np.abs(np.diag(prior)).max()]  # a noisy normal matrix may cancel the prior elsewhere
     value = used @ stable_inverse(used.T @ normal @ used) @ used.T @ right
     inverse = stable_inverse(total)
-    move = inverse @ sum(i @ m.T for i, m in zip(information, shared, strict=True))
+    response = inverse @ sum(i @ m.T for i, m in zip(information, shared, strict=True))
     residuals = [w @ (s.right - s.normal @ value) for w, s in zip(weight, scores, strict=True)]
     modes = [i @ m.T for i, m in zip(information, shared, strict=True)]
     chi2, dof = disagreement(residuals, information, modes)
@@ -129,7 +129,7 @@ def combine(scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray]
     noise = sum(w @ s.information @ w.T for w, s in zip(weight, scores, strict=True))
     moved = [one @ m.T for one, m in zip(weighted, own, strict=True)]
     parts = (inverse @ part @ inverse.T for part in (noise, sum(m @ m.T for m in moved)))
-    return Combination(value, covariance(total), move.T, chi2, dof, *parts)
+    return Combination(value, covariance(total), response.T, chi2, dof, *parts)
 
 
 def weakening(information: np.ndarray, modes: np.ndarray) -> np.ndarray:
@@ -161,6 +161,7 @@ def disagreement(residuals: Sequence, informations: Sequence, modes: Sequence) -
 
 
 def _rank(information):
+    """Number of independent directions of an information matrix (p, p), scaled to unit diagonal."""
     scale = np.sqrt(np.abs(np.diag(information)))
     used = scale > 0
     if not used.any():
@@ -177,7 +178,7 @@ def polynomial(time: np.ndarray, degree: int, start: float, stop: float) -> np.n
 
 @dataclass(frozen=True)
 class Filtered:
-    """Estimates as they develop."""
+    """Estimates of a Kalman filter after each observation."""
 
     value: np.ndarray  #: (n, p) after each observation
     sigma: np.ndarray  #: (n, p) square root of the diagonal of the covariance
@@ -189,24 +190,23 @@ def filter_constants(
 ) -> Filtered:
     """Constants by a Kalman filter from independent scalar observations y = H x + e (n,), H (n, p), in their order.
 
-    Value (p,) and covariance (p, p) hold before the first observation, large for a free start; e has variance (n,). K =
-    P H' / (H P H' + R), x + K (y - H x), P (1 - K H)' from both sides plus K R K'; Remote Sens. 2023, 15, 3817, eqs. 21
-    to 23 with transition 1 and no process noise. The end equals least squares with the start as an observation (erratum
-    T-7).
+    Value (p,) and covariance (p, p): prior, large for a free start; e has variance (n,). K = P H' / (H P H' + R),
+    x + K (y - H x), P (1 - K H)' from both sides plus K R K'; Remote Sens. 2023, 15, 3817, eqs. 21 to 23, transition 1,
+    no process noise. The end equals least squares with the prior as an observation (erratum T-7).
     """
-    x, P, one = np.array(value, dtype=float), np.array(covariance, dtype=float), np.eye(len(value))
+    x, P, identity = np.array(value, dtype=float), np.array(covariance, dtype=float), np.eye(len(value))
     values, sigmas = np.empty((2, len(observed), x.size))
     for t, (y, h, r) in enumerate(zip(observed, design, np.broadcast_to(noise_variance, len(observed)), strict=True)):
         K = P @ h / (r + h @ P @ h)
         x = x + K * (y - h @ x)
-        left = one - np.outer(K, h)
-        P = left @ P @ left.T + r * np.outer(K, K)
+        kept = identity - np.outer(K, h)
+        P = kept @ P @ kept.T + r * np.outer(K, K)
         P = (P + P.T) / 2
         values[t], sigmas[t] = x, np.sqrt(np.diag(P))
     return Filtered(values, sigmas, P)
 
 
 def free_start(design: np.ndarray, noise_variance: np.ndarray, width: float = 1e5) -> np.ndarray:
-    """Covariance (p, p) of a start that says nothing: `width` squared times what all (n, p) observations will know."""
+    """Diagonal prior covariance (p, p) without information: width^2 over that of all observations (n, p)."""
     information = np.sum(design**2 / np.broadcast_to(noise_variance, design.shape[:1])[:, None], axis=0)
     return np.diag(width**2 / np.where(information > 0, information, 1.0))

@@ -35,7 +35,7 @@ class NoiseModel:
         return rows
 
     def louder(self, level: float) -> "NoiseModel":
-        """The same noise with so many times the amplitude."""
+        """The model with `level` times the amplitude."""
         return replace(self, variance=self.variance * level**2)
 
     def density(self, frequency_hz: np.ndarray) -> np.ndarray:
@@ -47,19 +47,19 @@ class NoiseModel:
 
 
 def _burg(values, begin, end, order):
-    """Reflection coefficients and variances of runs that lie one behind the other.
+    """Burg's reflection coefficients (p,), prediction-error variances (p + 1,) of runs begin to end in values (n,).
 
     Pairs (t, t - 1) that no run holds are zero: the first k + 1 of a run at order k.
     """
-    ahead, behind = values.copy(), np.concatenate([values[:1], values[:-1]])
+    ahead, behind = values.copy(), np.concatenate([values[:1], values[:-1]])  # forward, backward errors
     reflection, variance = np.zeros(order), np.full(order + 1, ahead @ ahead / values.size if values.size else np.nan)
     for k in range(order):
         ahead[(begin + k)[begin + k < end]] = behind[begin] = 0.0
         power = ahead @ ahead + behind @ behind
         reflection[k] = 2 * (ahead @ behind) / power if power > 0 else 0.0
-        back = behind - reflection[k] * ahead
+        updated = behind - reflection[k] * ahead
         ahead -= reflection[k] * behind
-        behind[1:] = back[:-1]
+        behind[1:] = updated[:-1]
         variance[k + 1] = variance[k] * (1 - reflection[k] ** 2)
     return reflection, variance
 
@@ -92,7 +92,7 @@ def fit_noise(segments: list[np.ndarray], order: int, step_s: float, removed: in
 
 
 def whiten(noise: NoiseModel, columns: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Columns turned so that noise of the model has unit variance and no correlation.
+    """Whitened columns: noise of the model has unit variance and no correlation in them.
 
     Exact for a stationary autoregressive process: the first samples of every run are predicted by the lower orders.
     Columns (n,) or (n, m) have the unit of the noise; rows that are not valid (n,) come back as zero, without weight.
@@ -110,7 +110,7 @@ def whitened(noise: Sequence[NoiseModel], values: np.ndarray, valid: np.ndarray)
 
 
 def unwhiten(noise: NoiseModel, rows: np.ndarray, valid: np.ndarray) -> np.ndarray:
-    """Columns (n,) or (n, m) whose whitened rows are given, NaN where not valid: the inverse of `whiten`."""
+    """Columns (n,) or (n, m) from their whitened rows, NaN where not valid: the inverse of `whiten`."""
     flat = np.ascontiguousarray(rows, dtype=float).reshape(len(rows), -1)
     out = np.full(flat.shape, np.nan)
     _run_by_run(noise.coefficients, np.sqrt(noise.variance), flat, np.asarray(valid, dtype=bool), out, back=True)
@@ -119,7 +119,7 @@ def unwhiten(noise: NoiseModel, rows: np.ndarray, valid: np.ndarray) -> np.ndarr
 
 @njit(cache=True)
 def _run_by_run(coefficients, sigma, columns, valid, out, back):
-    """Innovations of columns (n, m) in units of sigma (p + 1,), or back, into an array; every run begins anew."""
+    """Write innovations of columns (n, m) over sigma (p + 1,), or their inverse if back, to out, run by run."""
     age = -1
     for t in range(len(columns)):
         age = age + 1 if valid[t] else -1
@@ -127,9 +127,9 @@ def _run_by_run(coefficients, sigma, columns, valid, out, back):
             order = min(age, len(sigma) - 1)
             out[t] = columns[t] * (sigma[order] if back else 1.0)
             for k in range(order):
-                known = out[t - 1 - k] if back else columns[t - 1 - k]
+                previous = out[t - 1 - k] if back else columns[t - 1 - k]
                 for j in range(columns.shape[1]):
-                    out[t, j] += coefficients[order, k] * known[j] * (1.0 if back else -1.0)
+                    out[t, j] += coefficients[order, k] * previous[j] * (1.0 if back else -1.0)
             if not back:
                 out[t] /= sigma[order]
 
@@ -156,49 +156,49 @@ def filtered(values: np.ndarray, step_s: float, gain: Callable) -> np.ndarray:
 
 
 def in_bands(values: np.ndarray, step_s: float, edges_hz) -> np.ndarray:
-    """Parts (n, b) of an evenly spaced series (n,) between b + 1 frequencies; the last one has all above as well."""
+    """Band-passed parts (n, b) of an even series (n,) between b + 1 edges; the last one has all above as well."""
     pairs = zip(edges_hz, (*edges_hz[1:-1], np.inf), strict=False)
     return np.stack([filtered(values, step_s, lambda f, a=a, b=b: (f >= a) & (f < b)) for a, b in pairs], axis=1)
 
 
-TAPERS = 3  # of waves, at frequencies so many apart: as many numbers as samples
-LEFT = 0.5  # share of a wave beside the columns from which it is used
-BEND, STEADY = 3.0, 2.0  # change of slope from knot to knot that is nothing unusual, where many pieces or few show it
-KNOTS, REWEIGHTED = 9, 4  # of the spectra of one series, rounds of its weights
-SCORINGS = 60
+TAPERS = 3  # sine tapers, at frequencies as many bins apart: as many ordinates as samples
+LEFT = 0.5  # least share of a tapered wave that the columns must leave for it to be used
+BEND, STEADY = 3.0, 2.0  # prior sigma of the change of log-log slope at a knot, of many pieces and of one series
+KNOTS, REWEIGHTED = 9, 4  # of the spectra of one series, rounds of reweighting
+SCORINGS = 60  # Fisher scoring steps at most
 
 
 @dataclass(frozen=True)
 class Spectrum:
-    """Density of noise, its logarithm straight between knots over the logarithm of the frequency, held beyond them."""
+    """Density of noise, log density linear between knots over the log of the frequency, constant beyond them."""
 
     knot_hz: np.ndarray  #: (k,) Hz
     log_density: np.ndarray  #: (k,) natural logarithm of the one-sided density, squared unit per Hz
     covariance: np.ndarray | None = None  #: (k, k) of these, None of a guess
 
     def density(self, frequency_hz: np.ndarray, sigmas: float = 0.0) -> np.ndarray:
-        """One-sided density (m,), squared unit per Hz, at frequencies (m,) Hz; so many standard deviations above."""
+        """One-sided density (m,), squared unit per Hz, at frequencies (m,) Hz, `sigmas` standard deviations above."""
         shares = self.shares(frequency_hz)
         sigma = np.sqrt(np.einsum("mk,kl,ml->m", shares, self.covariance, shares)) if sigmas else 0.0
         return np.exp(shares @ self.log_density + sigmas * sigma)
 
     def model(self, order: int, step_s: float) -> NoiseModel:
-        """Autoregressive model of so many coefficients."""
+        """Autoregressive model of an order for samples step_s s apart."""
         return from_density(self.density((np.arange(NODES) + 0.5) / (2 * step_s * NODES)), order, step_s)
 
     def shares(self, frequency_hz: np.ndarray) -> np.ndarray:
-        """Shares (m, k) of the knots in the logarithm of the density at frequencies (m,) Hz."""
+        """Interpolation weights (m, k) of the knots in the log density at frequencies (m,) Hz."""
         return log_linear(self.knot_hz, frequency_hz)
 
 
 def log_linear(knot_hz: np.ndarray, frequency_hz: np.ndarray) -> np.ndarray:
-    """Shares (m, k) of knots at frequencies (m,) Hz, straight between them over the logarithm, held beyond them."""
+    """Interpolation weights (m, k) of knots (k,) Hz at frequencies (m,) Hz: linear in log f, constant beyond them."""
     at = np.log(np.clip(frequency_hz, knot_hz[0], knot_hz[-1]))
     return np.stack([np.interp(at, np.log(knot_hz), row) for row in np.eye(len(knot_hz))], axis=-1)
 
 
 def fit_spectrum(pieces: Sequence[tuple], step_s: float, knot_hz: np.ndarray, bend: float = BEND) -> Spectrum:
-    """Density of noise from all quiet pieces there are, long or short, with gaps, beside columns of any size in them.
+    """Density of noise from all quiet pieces, long or short, with gaps, columns of any amplitude in them also fitted.
 
     Pieces are (n_i,) even values, NaN where missing, and (n_i, q_i) columns; knots (k,) Hz; the response of each wave
     is known at `NODES` parts of the band up to Nyquist, as many as a piece has samples.
@@ -213,25 +213,25 @@ def fit_spectrum(pieces: Sequence[tuple], step_s: float, knot_hz: np.ndarray, be
     rows = zip(*(_waves(*group, step_s) for group in _alike(pieces)), strict=True)
     square, response, times = (np.concatenate(one) for one in rows)
     if not square.size:  # pieces that are short, or have more gaps than samples, tell a level alone
-        rest = np.concatenate([project_out(c[g], y[g]) for y, c, g in ((y, c, np.isfinite(y)) for y, c in pieces)])
-        free = max(rest.size - sum(c.shape[1] for _, c in pieces), 1)
-        level = np.full(knots.size, np.log(max(2 * step_s * (rest @ rest) / free, 1e-300)))
+        residual = np.concatenate([project_out(c[g], y[g]) for y, c, g in ((y, c, np.isfinite(y)) for y, c in pieces)])
+        free = max(residual.size - sum(c.shape[1] for _, c in pieces), 1)
+        level = np.full(knots.size, np.log(max(2 * step_s * (residual @ residual) / free, 1e-300)))
         return Spectrum(knots, level, np.full((knots.size, knots.size), 2 / free))
-    whole, at = response.sum(axis=1), np.log(knots)
-    middle, rough = np.log(response @ frequency / whole), square / times / whole
-    near = [np.argsort(np.abs(middle - one))[: 5 * TAPERS] for one in at]
-    value = np.log([max(np.median(rough[one]), 1e-300) for one in near])
+    integral, log_knots = response.sum(axis=1), np.log(knots)
+    centre, raw = np.log(response @ frequency / integral), square / times / integral
+    nearest = [np.argsort(np.abs(centre - one))[: 5 * TAPERS] for one in log_knots]
+    value = np.log([max(np.median(raw[one]), 1e-300) for one in nearest])
     return _scored(Spectrum(knots, value), frequency, (square, times, response), bend)
 
 
 def _scored(start, frequency, waves, bend):
-    """Spectrum from exponential squares (m,), so many times each, of responses (m, f), by Fisher scoring."""
+    """Spectrum by Fisher scoring from waves: squares (m,), each a sum of times (m,), and responses (m, f)."""
     square, times, response = waves
     knots, value, shares = start.knot_hz, start.log_density, start.shares(frequency)
     bends = np.diff(np.diff(np.eye(knots.size), axis=0) / np.diff(np.log(knots))[:, None], axis=0)
     prior = bends.T @ bends / bend**2 + 1e-9 * np.eye(knots.size)
 
-    def loss(value):
+    def loss(value):  # negative log posterior of the log densities (k,)
         mean = response @ np.exp(shares @ value)
         return np.sum(times * np.log(mean) + square / mean) + value @ prior @ value / 2
 
@@ -239,9 +239,9 @@ def _scored(start, frequency, waves, bend):
     for _ in range(SCORINGS):
         density = np.exp(shares @ value)
         mean = response @ density
-        slope = (response * density) @ shares / mean[:, None]
-        information = (slope.T * times) @ slope + prior
-        step = np.linalg.solve(information, slope.T @ (square / mean - times) - prior @ value)
+        jacobian = (response * density) @ shares / mean[:, None]
+        information = (jacobian.T * times) @ jacobian + prior
+        step = np.linalg.solve(information, jacobian.T @ (square / mean - times) - prior @ value)
         step *= min(1.0, 2 / np.abs(step).max())
         while (new := loss(value + step)) > best + 1e-9 and np.abs(step).max() > 1e-6:
             step = step / 2
@@ -252,7 +252,7 @@ def _scored(start, frequency, waves, bend):
 
 
 def spectra_beside(series: np.ndarray, columns: np.ndarray, order: int, step_s: float) -> tuple:
-    """Spectra of the axes of a series beside columns of any size, models that whiten, whitened residual (n, 3).
+    """Spectrum and NoiseModel of each axis of a series, columns also fitted, and its whitened residual (n, 3).
 
     Series (n, 3) are even, NaN where missing; columns (n, 3, q) are fitted to all axes together.
 
@@ -264,30 +264,30 @@ def spectra_beside(series: np.ndarray, columns: np.ndarray, order: int, step_s: 
     """
     good, count = np.isfinite(series).all(axis=1), len(series)
     knots, wave = np.geomspace(4 / (count * step_s), 0.5 / step_s, KNOTS), np.fft.rfftfreq(count, step_s)[1:]
-    plain = np.nanvar(beside([series], [columns])(series, 0), axis=0) * 2 * step_s
-    spectra = [Spectrum(knots, np.full(KNOTS, np.log(max(one, 1e-300)))) for one in plain]
+    white_density = np.nanvar(beside([series], [columns])(series, 0), axis=0) * 2 * step_s
+    spectra = [Spectrum(knots, np.full(KNOTS, np.log(max(one, 1e-300)))) for one in white_density]
     for _ in range(REWEIGHTED):
         models = [one.model(order, step_s) for one in spectra]
         rows = whitened(models, np.concatenate([columns, series[:, :, None]], axis=2), good)
         basis = orthonormal(rows[:, :-1], DEPENDENT)
-        left = (rows[:, -1] - basis @ (basis.T @ rows[:, -1])).reshape(3, count)
-        both = left, basis.reshape(3, count, -1)
-        square, taken = (np.abs(np.fft.rfft(one, axis=1)[:, 1:]) ** 2 / count for one in both)
-        times = np.maximum(good.mean() - taken.sum(axis=2), 0.0)
+        residual = (rows[:, -1] - basis @ (basis.T @ rows[:, -1])).reshape(3, count)
+        parts = residual, basis.reshape(3, count, -1)
+        square, leverage = (np.abs(np.fft.rfft(one, axis=1)[:, 1:]) ** 2 / count for one in parts)
+        times = np.maximum(good.mean() - leverage.sum(axis=2), 0.0)
         response = [np.diag(1 / model.density(wave)) for model in models]
         axes = zip(spectra, zip(square, times, response, strict=True), strict=True)
         spectra = [_scored(one, wave, waves, STEADY) for one, waves in axes]
-    return spectra, models, left.T
+    return spectra, models, residual.T
 
 
 def _alike(pieces):
-    """Pieces without gaps and of equal columns together: values (g, n) and columns (n, q)."""
+    """[(values (g, n), columns (n, q))] of pieces, those without gaps and with equal columns together."""
     groups: list[tuple[list, np.ndarray]] = []
     for values, columns in pieces:
-        for others, known in groups:
-            whole = np.isfinite([values, others[0]]).all() if others[0].shape == values.shape else False
-            if whole and known.shape == columns.shape and np.allclose(known, columns):
-                others.append(values)
+        for group, group_columns in groups:
+            complete = np.isfinite([values, group[0]]).all() if group[0].shape == values.shape else False
+            if complete and group_columns.shape == columns.shape and np.allclose(group_columns, columns):
+                group.append(values)
                 break
         else:
             groups.append(([values], columns))
@@ -300,10 +300,10 @@ def _waves(values, columns, step_s):
     Power is that of all pieces together; the response, of one piece, is that to the density at each node.
     """
     good, count = np.isfinite(values[0]), values.shape[1]
-    place, number = np.arange(count), np.arange(1, TAPERS + 1)
-    tapers = np.sqrt(2 / (count + 1)) * np.sin(np.pi * np.outer(number, place + 1) / (count + 1))
-    turns = np.exp(-2j * np.pi * np.outer(np.arange(TAPERS, count // 2, TAPERS) / count, place))
-    waves = (tapers[:, None] * turns).reshape(-1, count) * good
+    index, order = np.arange(count), np.arange(1, TAPERS + 1)
+    tapers = np.sqrt(2 / (count + 1)) * np.sin(np.pi * np.outer(order, index + 1) / (count + 1))
+    carriers = np.exp(-2j * np.pi * np.outer(np.arange(TAPERS, count // 2, TAPERS) / count, index))
+    waves = (tapers[:, None] * carriers).reshape(-1, count) * good
     basis = orthonormal(columns[good])
     waves[:, good] -= (waves[:, good] @ basis) @ basis.T
     waves = waves[np.sum(np.abs(waves) ** 2, axis=1) > LEFT]
@@ -319,7 +319,7 @@ class Levels:
     """Amplitude of the noise in parts of a record over that of one model for all of them."""
 
     value: np.ndarray  #: (g, a) 1, of each part and axis
-    error: np.ndarray  #: (g, a) 1, relative, of data of the part that were not seen
+    error: np.ndarray  #: (g, a) 1, relative error for data of the part that were not used
 
 
 STATIONARY = 1e-2  # probability of so much scatter of the powers of quiet pieces, from which on they have one level
@@ -344,25 +344,25 @@ def levels(
     count = np.array([max(np.sum(v) - gone, 1) for v, gone in zip(valid, lost, strict=True)], dtype=float)
     white = [[whiten(m, one[:, a], v) for a, m in enumerate(models)] for one, v in zip(pieces, valid, strict=True)]
     power = np.array([np.sum(np.square(one), axis=1) for one in white]) / count[:, None]
-    value, own = np.log(np.maximum(power, 1e-300)) + 1 / count[:, None], 2 / count
-    mean = np.sum(value / own[:, None], axis=0) / np.sum(1 / own)
-    scatter = np.sum((value - mean) ** 2 / own[:, None])
+    log_power, sampling = np.log(np.maximum(power, 1e-300)) + 1 / count[:, None], 2 / count
+    mean = np.sum(log_power / sampling[:, None], axis=0) / np.sum(1 / sampling)
+    scatter = np.sum((log_power - mean) ** 2 / sampling[:, None])
     if np.any(power <= 0) or not chdtrc(axes * (len(pieces) - 1), scatter) <= STATIONARY:  # one piece denies nothing
         return Levels(np.ones((parts, axes)), np.zeros((parts, axes)))
     member = (part == np.arange(parts)[:, None]).astype(float)
-    within = _scatter(value, own, member, axes)
-    share = member / (own + within)
-    known = share.sum(axis=1)
-    middle = share @ value / np.maximum(known, 1e-300)[:, None]
-    measured = known > 0
-    between = _scatter(middle[measured], 1 / known[measured], np.ones((1, int(measured.sum()))), axes)
-    variance = 1 / np.maximum(known, 1e-300)
+    within = _scatter(log_power, sampling, member, axes)
+    share = member / (sampling + within)
+    precision = share.sum(axis=1)
+    part_mean = share @ log_power / np.maximum(precision, 1e-300)[:, None]
+    measured = precision > 0
+    between = _scatter(part_mean[measured], 1 / precision[measured], np.ones((1, int(measured.sum()))), axes)
+    variance = 1 / np.maximum(precision, 1e-300)
     weight = np.where(measured, 1 / (variance + between), 0.0)
-    mean = weight @ middle / weight.sum()
-    drawn = between / (between + variance)
-    power = np.exp(mean + drawn[:, None] * (middle - mean))
+    mean = weight @ part_mean / weight.sum()
+    shrinkage = between / (between + variance)
+    power = np.exp(mean + shrinkage[:, None] * (part_mean - mean))
     weight = np.where(measured, member @ count, 0.0)
-    error = np.sqrt(between * (1 - drawn) + within) / 2
+    error = np.sqrt(between * (1 - shrinkage) + within) / 2
     return Levels(np.sqrt(power * weight.sum() / (weight @ power)), np.repeat(error[:, None], axes, axis=1))
 
 
@@ -379,7 +379,7 @@ def changing_levels(white: np.ndarray, lost: float) -> Levels:
     """
     parts, degree = np.array_split(np.arange(len(white)), min(STRETCHES, len(white) // 16)), 2
     count = np.array([np.isfinite(white[part]).all(axis=1).sum() for part in parts]) * (1 - lost / max(len(white), 1))
-    parts = [part for part, known in zip(parts, count, strict=True) if known > 8]
+    parts = [part for part, number in zip(parts, count, strict=True) if number > 8]
     count = count[count > 8]
     along = np.polynomial.legendre.legvander(np.linspace(-1, 1, len(white)), degree)
     plain = Levels(np.ones(white.shape), np.zeros(white.shape))
@@ -388,68 +388,68 @@ def changing_levels(white: np.ndarray, lost: float) -> Levels:
     power = np.array([np.nansum(white[part] ** 2, axis=0) for part in parts]) / count[:, None]
     if np.any(power <= 0):
         return plain
-    value, root = np.log(power) + 1 / count[:, None], np.sqrt(count / 2)[:, None]
+    log_power, root = np.log(power) + 1 / count[:, None], np.sqrt(count / 2)[:, None]
     design = root * np.array([along[part].mean(axis=0) for part in parts])
-    size = np.linalg.lstsq(design, root * value, rcond=None)[0]
-    rest = np.sum((root * value - design @ size) ** 2)
-    mean = np.sum(root**2 * value, axis=0) / np.sum(root**2)
+    coefficients = np.linalg.lstsq(design, root * log_power, rcond=None)[0]
+    misfit = np.sum((root * log_power - design @ coefficients) ** 2)
+    mean = np.sum(root**2 * log_power, axis=0) / np.sum(root**2)
     axes, freedom = white.shape[1], len(parts) - degree - 1
-    scatter = max(rest / (axes * freedom), 1.0)
-    if not chdtrc(axes * degree, (np.sum((root * (value - mean)) ** 2) - rest) / scatter) <= STATIONARY:
+    scatter = max(misfit / (axes * freedom), 1.0)
+    if not chdtrc(axes * degree, (np.sum((root * (log_power - mean)) ** 2) - misfit) / scatter) <= STATIONARY:
         return plain
-    amplitude = np.exp(along @ size / 2)
+    amplitude = np.exp(along @ coefficients / 2)
     spread = scatter * np.linalg.inv(design.T @ design)
-    apart = along - along.mean(axis=0)  # the level of all is that of the models
-    error = np.sqrt(np.einsum("nk,kl,nl->n", apart, spread, apart)) / 2
+    centred = along - along.mean(axis=0)  # the level of all is that of the models
+    error = np.sqrt(np.einsum("nk,kl,nl->n", centred, spread, centred)) / 2
     return Levels(amplitude / np.sqrt(np.mean(amplitude**2, axis=0)), np.repeat(error[:, None], axes, axis=1))
 
 
 def _scatter(value, variance, member, axes):
-    """Variance of values (k, a) about the mean of their group (g, k) beyond the known one (k,); not negative."""
+    """DerSimonian-Laird variance of values (k, a) about group means beyond variance (k,); member (g, k) is 0 or 1."""
     weight = member / variance
     total = np.maximum(weight.sum(axis=1), 1e-300)
     mean = (weight @ value) / total[:, None]
-    beyond = np.sum(weight @ value**2) - np.sum(total[:, None] * mean**2)
-    beyond -= axes * (member.sum() - np.sum(member.any(axis=1)))
-    several = axes * np.sum(total - np.sum(weight**2, axis=1) / total)
-    return max(float(beyond / several), 0.0) if several > 1e-6 * total.sum() else 0.0
+    excess = np.sum(weight @ value**2) - np.sum(total[:, None] * mean**2)
+    excess -= axes * (member.sum() - np.sum(member.any(axis=1)))
+    freedom = axes * np.sum(total - np.sum(weight**2, axis=1) / total)
+    return max(float(excess / freedom), 0.0) if freedom > 1e-6 * total.sum() else 0.0
 
 
 PIECES = 150  # of simulated noise
-ROUNDS = 2
-DEPENDENT = 1e-5  # of the largest: columns that hardly differ are one
-NODES = 1024
+ROUNDS = 2  # of the correction for the fit
+DEPENDENT = 1e-5  # of the largest singular value, below which a direction of columns is dropped
+NODES = 1024  # parts of the band from 0 to Nyquist
 
 
 def fit_detrended(segments: list[np.ndarray], clean: Callable, order: int, step_s: float) -> list[NoiseModel]:
-    """Autoregressive model of each axis from residuals of segments (n_i, 3), evenly spaced, NaN where missing.
+    """Autoregressive model of each axis of segments (n_i, 3), even, NaN where missing, from what a fit leaves.
 
-    `clean` takes a segment and its index to the segment after the fit, linearly.
+    `clean` (segment, index) -> residual of the fit, linear; what it takes of the density is simulated and restored.
     """
     rng = np.random.default_rng(0)
     axes = range(segments[0].shape[1])
     residual = [clean(s, i) for i, s in enumerate(segments)]
     detrended = [fit_noise([r[:, a] for r in residual], order, step_s) for a in axes]
     frequency = (np.arange(NODES) + 0.5) / (2 * step_s * NODES)
-    wanted = [m.density(frequency) for m in detrended]
-    density = list(wanted)
+    fitted = [m.density(frequency) for m in detrended]
+    density = list(fitted)
     for _ in range(ROUNDS):
         models = [from_density(d, order, step_s) for d in density]
-        density = [w / k for w, k in zip(wanted, _kept(models, segments, clean, rng, frequency), strict=True)]
+        density = [w / k for w, k in zip(fitted, _kept(models, segments, clean, rng, frequency), strict=True)]
     return [from_density(d, order, step_s) for d in density]
 
 
 def beside(segments: list[np.ndarray], columns: list[np.ndarray]) -> Callable:
-    """What takes columns of any size out of segments: ``clean`` of `fit_detrended`.
+    """Function (segment, index) -> segment less the best fit of its columns: ``clean`` of `fit_detrended`.
 
     Segments (n_i, 3) are evenly spaced, NaN where missing; columns (n_i, 3, q_i), finite, are fitted to all axes
     together.
     """
     good = [np.isfinite(one).all(axis=1) for one in segments]
     parts = zip(columns, good, strict=True)
-    bases = [orthonormal(one[there].reshape(-1, one.shape[2]), DEPENDENT) for one, there in parts]
+    bases = [orthonormal(one[valid].reshape(-1, one.shape[2]), DEPENDENT) for one, valid in parts]
 
-    def clean(segment, index):
+    def clean(segment, index):  # residual (n, 3) of a segment (n, 3) by its index
         flat = segment[good[index]].ravel()
         cleaned = np.full_like(segment, np.nan)
         cleaned[good[index]] = (flat - bases[index] @ (bases[index].T @ flat)).reshape(-1, 3)
@@ -459,15 +459,15 @@ def beside(segments: list[np.ndarray], columns: list[np.ndarray]) -> Callable:
 
 
 def _kept(models, segments, clean, rng, frequency):
-    """Share of the density of each model that is left after the fit; both from the same draws, so that it is sharp."""
+    """Ratio (m,) of the density after clean to that before, of each model, at frequency (m,) Hz, by the same draws."""
     before, after = [], []
     lengths = [len(s) for s in segments]
     times = -(-PIECES // len(segments))
     counts = [n + _led_in(m) for n in lengths for m in models]
     white = np.split(rng.standard_normal((times, sum(counts))), np.cumsum(counts)[:-1], axis=1)
     made = [_filtered(models[k % len(models)], one, lengths[k // len(models)]) for k, one in enumerate(white)]
-    each = [np.stack(made[k : k + len(models)], axis=2) for k in range(0, len(made), len(models))]
-    for made in zip(*each, strict=True):
+    by_segment = [np.stack(made[k : k + len(models)], axis=2) for k in range(0, len(made), len(models))]
+    for made in zip(*by_segment, strict=True):
         for i, (segment, noise) in enumerate(zip(segments, made, strict=True)):
             before.append(np.where(np.isfinite(segment), noise, np.nan))
             after.append(clean(before[-1], i))
@@ -482,12 +482,12 @@ def draw(model: NoiseModel, count: int, rng: np.random.Generator) -> np.ndarray:
 
 
 def _led_in(model):
-    """Samples after which the beginning is forgotten."""
+    """Number of samples after which a model's filter has forgotten its start."""
     return 60 * (model.reflection.size + 1)
 
 
 def _filtered(model, white, count):
-    """The last samples (..., count) of white noise of unit variance, filtered along its last axis."""
+    """Last samples (..., count) of unit white noise through the model's autoregressive filter, along the last axis."""
     last = model.coefficients[-1]
     return lfilter([1.0], np.concatenate([[1.0], -last]), np.sqrt(model.variance[-1]) * white)[..., -count:]
 
@@ -498,40 +498,40 @@ def from_density(density: np.ndarray, order: int, step_s: float) -> NoiseModel:
     Density (m,) is one-sided, squared unit per Hz, at the middles of m equal parts of 0 to the Nyquist frequency.
     """
     phase = np.pi * (np.arange(density.size) + 0.5) / density.size
-    covariance = np.cos(np.outer(np.arange(order + 1), phase)) @ density / (2 * step_s * density.size)
-    row, variance, reflection = np.zeros(0), [covariance[0]], []
+    autocovariance = np.cos(np.outer(np.arange(order + 1), phase)) @ density / (2 * step_s * density.size)
+    row, variance, reflection = np.zeros(0), [autocovariance[0]], []
     for k in range(1, order + 1):
-        one = (covariance[k] - row @ covariance[k - 1 : 0 : -1]) / variance[-1]
-        row = np.append(row - one * row[::-1], one)
-        reflection.append(one)
-        variance.append(variance[-1] * (1 - one**2))
+        partial = (autocovariance[k] - row @ autocovariance[k - 1 : 0 : -1]) / variance[-1]
+        row = np.append(row - partial * row[::-1], partial)
+        reflection.append(partial)
+        variance.append(variance[-1] * (1 - partial**2))
     return NoiseModel(np.array(reflection), np.array(variance), step_s)
 
 
 BACKGROUND, FINE = 31, 20  # frequencies over which the background is the median; parts between them for a line
 LOWEST_HZ = 0.015
 LINE_LIMIT = 12  # lines at most
-LINE_LEVEL = 1e-4  # chance of taking a line out of noise without one, each axis
+LINE_LEVEL = 1e-4  # false-alarm probability of a line on each axis
 
 
 def without_lines(segments: list[np.ndarray], step_s: float) -> tuple[list[np.ndarray], list[tuple[int, float]]]:
-    """Segments with sines of any phase and size in each taken out, where all of them together show a line.
+    """Segments less sines, of free phase and amplitude in each, at frequencies where all together show a line.
 
     Segments (n_i, axes) are even, NaN where missing; with them come axis and frequency in Hz of every line.
     """
     cleaned, lines = [s.copy() for s in segments], []
-    parts = next_fast_len(2 * int(np.median([np.isfinite(s[:, 0]).sum() for s in segments])), real=True)
-    lowest, highest = int(np.ceil(LOWEST_HZ * parts * step_s)), int(0.48 * parts)
+    length = next_fast_len(2 * int(np.median([np.isfinite(s[:, 0]).sum() for s in segments])), real=True)
+    lowest, highest = int(np.ceil(LOWEST_HZ * length * step_s)), int(0.48 * length)
     for axis in range(segments[0].shape[1]):
         for _ in range(LINE_LIMIT):
-            fine = _spectrum(cleaned, axis, FINE * parts)
+            fine = _spectrum(cleaned, axis, FINE * length)
             power = fine[FINE * lowest : FINE * highest : FINE]
             ratio = power / median_filter(power, BACKGROUND, mode="nearest")
             best = int(np.argmax(ratio))
             if chdtrc(2 * len(cleaned), 2 * len(cleaned) * ratio[best]) * ratio.size > LINE_LEVEL:
                 break
             first = FINE * (lowest + best - 1)
-            frequency = float(first + np.argmax(fine[first : first + 2 * FINE + 1])) / (FINE * parts * step_s)
+            frequency = float(first + np.argmax(fine[first : first + 2 * FINE + 1])) / (FINE * length * step_s)
             for segment in cleaned:
                 segment[:, axis] -= _sine(segment[:, axis], frequency * step_s, 2)[0]
             lines.append((axis, frequency))
@@ -539,46 +539,46 @@ def without_lines(segments: list[np.ndarray], step_s: float) -> tuple[list[np.nd
 
 
 def without_slow_lines(segments: list[np.ndarray], order: int, step_s: float) -> list[np.ndarray]:
-    """Segments without slow sines, of any phase and size in each, that noise of an order does not explain.
+    """Segments less slow sines, free in each, that autoregressive noise of an order does not explain.
 
     Segments (n_i, axes) are even, NaN where missing, less a cubic each. Such a line is slower than `LOWEST_HZ`, where
-    a segment has no background to set it against: with it the noise that is left has to be as likely as chance allows.
+    a segment has no background to set it against: the likelihood ratio of the noise models with and without it decides.
     """
     cleaned, longest = [s.copy() for s in segments], max((len(s) for s in segments), default=0) * step_s
     grid = np.arange(0.5 / longest, LOWEST_HZ, 0.125 / longest) if longest else ()
     count = [np.isfinite(segment).sum(axis=0) for segment in cleaned]
     for axis in range(segments[0].shape[1] if len(grid) else 0):
         size = sum(one[axis] for one in count)
-        here = [segment[:, axis] for segment in cleaned]
-        spread = fit_noise(here, order, step_s).variance[-1]
+        series = [segment[:, axis] for segment in cleaned]
+        variance = fit_noise(series, order, step_s).variance[-1]
         for _ in range(LINE_LIMIT):
-            tried = [[one - _sine(one, frequency * step_s, 3)[1] for one in here] for frequency in grid]
-            spreads = [fit_noise(one, order, step_s).variance[-1] for one in tried]
-            best = int(np.argmin(spreads))
-            gain = size * np.log(spread / spreads[best])
-            if chdtrc(2 * len(here), gain) * len(grid) > LINE_LEVEL:
+            tried = [[one - _sine(one, frequency * step_s, 3)[1] for one in series] for frequency in grid]
+            variances = [fit_noise(one, order, step_s).variance[-1] for one in tried]
+            best = int(np.argmin(variances))
+            gain = size * np.log(variance / variances[best])
+            if chdtrc(2 * len(series), gain) * len(grid) > LINE_LEVEL:
                 break
-            here, spread = tried[best], spreads[best]
-        for segment, values in zip(cleaned, here, strict=True):
+            series, variance = tried[best], variances[best]
+        for segment, values in zip(cleaned, series, strict=True):
             segment[:, axis] = values
     return cleaned
 
 
-def _sine(values, turns, degree):
-    """Best sine (n,) of so many turns a sample beside a polynomial in values (n,), then both together."""
-    good, phase = np.isfinite(values), 2 * np.pi * turns * np.arange(values.size)
+def _sine(values, cycles, degree):
+    """Fitted sine (n,) of `cycles` per sample in values (n,), a polynomial also fitted, and the sum of both (n,)."""
+    good, phase = np.isfinite(values), 2 * np.pi * cycles * np.arange(values.size)
     slow = polynomial(np.arange(values.size), degree, 0, values.size - 1)
     columns = np.column_stack([np.cos(phase), np.sin(phase), slow])
     value = np.linalg.lstsq(columns[good], values[good], rcond=None)[0]
     return columns[:, :2] @ value[:2], columns @ value
 
 
-FLIPS = 12  # coefficients of the noise that jumps between two levels have to be likelier than
-CLIMBS = 40  # steps of the fit of their levels
+FLIPS = 12  # highest order of the autoregressive noise that a telegraph signal has to be likelier than
+CLIMBS = 40  # expectation-maximisation steps at most
 
 
 def without_telegraph(segments: list[np.ndarray], slow: list[np.ndarray]) -> list[np.ndarray]:
-    """Segments without what jumps at random between two levels, where that is likelier than any noise.
+    """Segments less random telegraph signals, jumps between two levels, where these are likelier than any noise.
 
     Segments (n_i, axes) are even, NaN where missing, less slow columns (n_i, q) of each.
     """
@@ -591,9 +591,9 @@ def without_telegraph(segments: list[np.ndarray], slow: list[np.ndarray]) -> lis
 
 
 def two_levels(series: list[np.ndarray], slow: list[np.ndarray]) -> tuple[list[np.ndarray], list[np.ndarray], float]:
-    """Levels (n_i,) between which even series (n_i,) jump at random, beside slow columns (n_i, q), and the states.
+    """Random telegraph signal (n_i,), with fitted slow columns (n_i, q), of even series (n_i,); its states; its gain.
 
-    With them comes by how much they are likelier than any noise, beyond chance. Missing values are NaN.
+    The gain is twice the log likelihood over that of any noise, less Schwarz's penalty and chance. NaN where missing.
 
     Notes
     -----
@@ -602,21 +602,21 @@ def two_levels(series: list[np.ndarray], slow: list[np.ndarray]) -> tuple[list[n
     1 or -1, are their mean over all paths, by Baum and Welch (Rabiner, Proc. IEEE 77, 1989), flips of both ways alike.
     """
     parts = [(y, c, np.isfinite(y)) for y, c in zip(series, slow, strict=True)]
-    rest = [y - c @ np.linalg.lstsq(c[g], y[g], rcond=None)[0] for y, c, g in parts]
+    residual = [y - c @ np.linalg.lstsq(c[g], y[g], rcond=None)[0] for y, c, g in parts]
     count, removed = sum(int(g.sum()) for _, _, g in parts), sum(c.shape[1] for c in slow)
-    whole, left = np.concatenate(rest), count - removed
-    if left < 10 * FLIPS or not np.nanstd(whole) > 0:
+    whole, free = np.concatenate(residual), count - removed
+    if free < 10 * FLIPS or not np.nanstd(whole) > 0:
         return [0 * y for y in series], [0 * y for y in series], -np.inf
-    models = (fit_noise(rest, k, 1.0, removed).variance for k in range(FLIPS + 1))
-    least = min(left * (np.log(2 * np.pi * one[-1]) + 1) + (one.size - 1) * np.log(count) for one in models)
+    models = (fit_noise(residual, k, 1.0, removed).variance for k in range(FLIPS + 1))
+    least = min(free * (np.log(2 * np.pi * one[-1]) + 1) + (one.size - 1) * np.log(count) for one in models)
     size, variance, flip, best = 0.8 * np.nanstd(whole), np.nanvar(whole) / 4, 0.05, -np.inf
-    mean, whole = [y - r for (y, *_), r in zip(parts, rest, strict=True)], np.concatenate(series)
+    mean, whole = [y - r for (y, *_), r in zip(parts, residual, strict=True)], np.concatenate(series)
     for _ in range(CLIMBS):
         fields = [size * (y - m) / variance for y, m in zip(series, mean, strict=True)]
         expected = [_states(np.clip(np.nan_to_num(one), -300, 300), flip) for one in fields]
         states, sums, flips = zip(*expected, strict=True)
         square = np.nansum((whole - np.concatenate(mean)) ** 2) + count * size**2
-        likelihood = sum(sums) - square / (2 * variance) - left / 2 * np.log(2 * np.pi * variance)
+        likelihood = sum(sums) - square / (2 * variance) - free / 2 * np.log(2 * np.pi * variance)
         if likelihood < best + 1e-3:
             break
         best = likelihood
@@ -624,7 +624,7 @@ def two_levels(series: list[np.ndarray], slow: list[np.ndarray]) -> tuple[list[n
         mean = [c @ np.linalg.lstsq(c[g], level, rcond=None)[0] for c, level, g in solved]
         state, level = np.concatenate(states), whole - np.concatenate(mean)
         size = abs(np.nansum(state * level)) / count
-        variance = np.nansum(level**2 - 2 * size * state * level + size**2) / left
+        variance = np.nansum(level**2 - 2 * size * state * level + size**2) / free
         flip = np.clip(sum(flips) / count, 1e-3, 0.5)
     gain = 2 * best - 3 * np.log(count) + least + 2 * np.log(LINE_LEVEL)
     return [m + size * s for m, s in zip(mean, states, strict=True)], list(states), float(gain)
@@ -632,27 +632,27 @@ def two_levels(series: list[np.ndarray], slow: list[np.ndarray]) -> tuple[list[n
 
 @njit(cache=True)
 def _states(field, flip):
-    """Expected states (n,), 1 or -1, in a field (n,), log of the sum over all their paths, expected number of flips."""
-    up, down, ahead = np.exp(field), np.exp(-field), np.empty(field.size)
-    log_sum, share = 0.0, 0.5
+    """Posterior mean of states 1 or -1 (n,) with half log odds field (n,), log likelihood, expected number of flips."""
+    up, down, forward = np.exp(field), np.exp(-field), np.empty(field.size)
+    log_sum, prior = 0.0, 0.5
     for k in range(field.size):
-        total = share * up[k] + (1 - share) * down[k]
+        total = prior * up[k] + (1 - prior) * down[k]
         log_sum += np.log(total)
-        ahead[k] = share * up[k] / total
-        share = ahead[k] + flip * (1 - 2 * ahead[k])
-    states, flips, one, other = np.empty(field.size), 0.0, 1.0, 1.0
+        forward[k] = prior * up[k] / total
+        prior = forward[k] + flip * (1 - 2 * forward[k])
+    states, flips, one, other = np.empty(field.size), 0.0, 1.0, 1.0  # one, other: backward probabilities, up and down
     for k in range(field.size - 1, -1, -1):
-        states[k] = (ahead[k] * one - (1 - ahead[k]) * other) / (ahead[k] * one + (1 - ahead[k]) * other)
-        one, other, share = up[k] * one, down[k] * other, ahead[k - 1]
-        turned, kept = flip * (share * other + (1 - share) * one), (1 - flip) * (share * one + (1 - share) * other)
-        flips += turned / (turned + kept) if k else 0.0
+        states[k] = (forward[k] * one - (1 - forward[k]) * other) / (forward[k] * one + (1 - forward[k]) * other)
+        one, other, prior = up[k] * one, down[k] * other, forward[k - 1]
+        flipped, kept = flip * (prior * other + (1 - prior) * one), (1 - flip) * (prior * one + (1 - prior) * other)
+        flips += flipped / (flipped + kept) if k else 0.0
         one, other = one + flip * (other - one), other + flip * (one - other)
         one, other = one / (one + other), other / (one + other)
     return states, log_sum, flips
 
 
 def _spectrum(segments, axis, parts):
-    """Mean power of the segments less a parabola, under a Hann window, at multiples of the sampling over ``parts``."""
+    """Mean Hann periodogram of an axis of the segments less a parabola, at multiples of the sampling over ``parts``."""
     total = np.zeros(parts // 2 + 1)
     for values in (segment[:, axis] for segment in segments):
         index = np.flatnonzero(np.isfinite(values))
@@ -666,7 +666,7 @@ def _spectrum(segments, axis, parts):
 JUMPS = 24  # in a series that are no noise, at most
 SIDES = (2, 4, 8, 16)  # samples on either side of a jump that are compared
 CLEAR = 5.0  # robust standard deviations of what noise makes of that
-#: Samples, the decays short of the slow end, where a fit leaves little; chance of so much in common, from which it is.
+#: Longest lag, decays in samples of filters between axes, short as fits leave little slow noise; p-value of shared.
 REACH, DECAYS, SHARED = 30, (1.0, 3.0), 1e-4
 
 
@@ -679,28 +679,28 @@ class Common:
     weights: np.ndarray  #: (2 REACH + 1,) 1
 
     def taken_out(self, values: np.ndarray, sign: float = -1.0) -> np.ndarray:
-        """Values (n, 3, ...) without it, linearly, or with it again; zeros where none are known."""
+        """Values (n, 3, ...), zero where missing, less the common noise, or with it again for sign 1."""
         shared, values = correlate1d(values[:, self.other], self.weights, axis=0, mode="constant"), values.copy()
         values[:, self.axis] += sign * shared
         return values
 
 
 def in_common(left: np.ndarray, models: Sequence[NoiseModel]) -> list[Common]:
-    """What weaker axes of a series (n, 3) have in common with stronger ones, to be taken out one after the other.
+    """Common noise of weaker with stronger axes of a series (n, 3), in the order in which it is taken out.
 
     Filters that decay over a few samples, even and odd in time, fitted to the weaker axis, whitened by its model.
     """
     lag = np.arange(-REACH, REACH + 1.0)
     decays = [np.exp(-np.abs(lag) / decay) for decay in DECAYS]
-    shapes = np.stack([*decays, *(np.sign(lag) * one for one in decays)])
+    filters = np.stack([*decays, *(np.sign(lag) * one for one in decays)])
     axes, good, common = np.argsort(-np.nanvar(left, axis=0)), np.isfinite(left).all(axis=1), []
     left = np.where(good[:, None], left, 0.0)
     for weaker, other in ((a, b) for k, a in enumerate(axes) for b in axes[:k]):
-        filtered = [correlate1d(left[:, other], one, mode="constant") for one in shapes]
+        filtered = [correlate1d(left[:, other], one, mode="constant") for one in filters]
         columns, observed = (whiten(models[weaker], one, good) for one in (np.stack(filtered, axis=1), left[:, weaker]))
-        size = np.linalg.lstsq(columns, observed, rcond=1e-8)[0]
-        if chdtrc(len(shapes), np.sum((columns @ size) ** 2)) < SHARED:
-            common.append(Common(int(weaker), int(other), size @ shapes))
+        coefficients = np.linalg.lstsq(columns, observed, rcond=1e-8)[0]
+        if chdtrc(len(filters), np.sum((columns @ coefficients) ** 2)) < SHARED:
+            common.append(Common(int(weaker), int(other), coefficients @ filters))
             left = common[-1].taken_out(left)
     return common
 
@@ -709,9 +709,9 @@ QUARTILE = 0.3186  # of the size of a normal deviate: a quarter of all differenc
 
 
 def jumps(left: Callable[[list[int]], np.ndarray]) -> list[int]:
-    """Places of clear jumps in what a fit leaves of a series, one found beside the others.
+    """Indices of clear jumps in the residual of a series, found one by one, those before fitted.
 
-    `left` takes places to (n,) what is left beside `jump_columns` of them.
+    `left` takes indices to the residual (n,) of the series with `jump_columns` of them fitted.
     """
     places: list[int] = []
     while len(places) < JUMPS:
@@ -723,32 +723,32 @@ def jumps(left: Callable[[list[int]], np.ndarray]) -> list[int]:
 
 
 def jump_columns(count: int, places: Sequence[int]) -> np.ndarray:
-    """Columns (n, 2 k) of steps behind samples and of these samples, in which a step may lie anywhere."""
+    """Columns (n, 2 k) of a step after each place (k,) and an impulse at it, so that a step may lie within a sample."""
     at = np.arange(count)[:, None]
     return np.concatenate([at > np.array(places, dtype=int), at == np.array(places, dtype=int)], axis=1).astype(float)
 
 
 def jump(series: np.ndarray, known: Sequence[int] = ()) -> int | None:
-    """Place of the clearest jump in a series (n,) that is not at a known one, None where there is none.
+    """Index of the clearest jump in a series (n,) that is not near a known one, None where there is none.
 
     The mean of the bins after a bin less that of those before it, against the lower quartile of all such
     differences, which red noise has as well and jumps hardly move. The fewest bins that show one tell best where it is.
     """
-    total = np.cumsum(np.append(0.0, series))
+    cumulative = np.cumsum(np.append(0.0, series))
     for side in (one for one in SIDES if series.size > 4 * one):
-        means = (total[side:] - total[:-side]) / side
-        size = np.abs(means[side + 1 :] - means[: -side - 1])
-        limit = CLEAR * np.quantile(size, 0.25) / QUARTILE
+        means = (cumulative[side:] - cumulative[:-side]) / side
+        difference = np.abs(means[side + 1 :] - means[: -side - 1])
+        limit = CLEAR * np.quantile(difference, 0.25) / QUARTILE
         for one in known:
-            size[max(one - 2 * side, 0) : max(one + 1, 0)] = 0.0
-        place = int(size.argmax())
-        if size[place] > limit:
+            difference[max(one - 2 * side, 0) : max(one + 1, 0)] = 0.0
+        place = int(difference.argmax())
+        if difference[place] > limit:
             return place + side
     return None
 
 
 def isolated(values: np.ndarray, reach: int, limit: float, weights=None, least: float = 0.0) -> np.ndarray:
-    """Samples (n,) bool that stand apart from their neighbours on both sides, in runs no longer than `reach`.
+    """True (n,) for samples that stand apart from their neighbours on both sides, in runs no longer than reach.
 
     The distance from the median of the neighbours, which follows steps and slow changes, is compared with what nine
     tenths of such distances keep to, so that what happens all the time sets the scale and is none. Even values (n, k)
@@ -763,20 +763,20 @@ def isolated(values: np.ndarray, reach: int, limit: float, weights=None, least: 
     distance = np.abs(values - middle)
     distance[:reach] = distance[-reach:] = 0.0
     scale = np.maximum(np.quantile(distance, 0.9, axis=0) / 1.645, least)
-    apart = distance > limit * np.where(scale > 0, scale, np.inf)
+    outlying = distance > limit * np.where(scale > 0, scale, np.inf)
     if weights is not None:
-        apart &= distance >= maximum_filter1d(distance, size, axis=0)
-    return apart.any(axis=1)
+        outlying &= distance >= maximum_filter1d(distance, size, axis=0)
+    return outlying.any(axis=1)
 
 
 EXPONENTS = (-2, -1, 0, 1)  # of the frequency in the power laws whose sum is the density of the noise
-POWER_ORDER, POWER_NODES = 60, 16384  # coefficients that stand for it, frequencies that they are made of
+POWER_ORDER, POWER_NODES = 60, 16384  # order of its autoregressive model, number of frequencies of the density
 DRAWS = 400  # segments of simulated noise, for what a fit leaves of each
 FITS, HIGHEST = 20, 6.0  # of the sum; power over that of the model, reached by noise in one of 400
 
 
 def power_laws(values: np.ndarray, clean: Callable, count: np.ndarray, step_s: float) -> NoiseModel:
-    """Noise model of a series from what a fit leaves of it: the sum of power laws that its periodogram shows.
+    """Noise model of a series from the residual of a fit: the sum of power laws that its periodogram shows.
 
     Power laws are drawn and go through the same fit. Sharp lines are no noise, and the power at a frequency counts up
     to a few times that of the model. Values (s, b, 1) are segments, clean takes (s, b, d) to what the fit leaves, runs
@@ -784,12 +784,12 @@ def power_laws(values: np.ndarray, clean: Callable, count: np.ndarray, step_s: f
     """
     lowest, rng = 1 / (step_s * count.max()), np.random.default_rng(0)
     draws = max(8, DRAWS // len(count))
-    white = rng.standard_normal((next_fast_len(2 * int(count.max()) + 1, real=True), draws))
-    frequency = np.maximum(np.fft.rfftfreq(len(white), step_s), lowest)[:, None]
-    spectrum, expected = np.fft.rfft(white, axis=0), []
+    noise = rng.standard_normal((next_fast_len(2 * int(count.max()) + 1, real=True), draws))
+    frequency = np.maximum(np.fft.rfftfreq(len(noise), step_s), lowest)[:, None]
+    spectrum, expected = np.fft.rfft(noise, axis=0), []
     for exponent in EXPONENTS:
-        drawn = np.fft.irfft(spectrum * (frequency * step_s) ** (exponent / 2), len(white), axis=0)
-        expected.append(_power(clean(drawn[count])).mean(axis=1))
+        coloured_noise = np.fft.irfft(spectrum * (frequency * step_s) ** (exponent / 2), len(noise), axis=0)
+        expected.append(_power(clean(coloured_noise[count])).mean(axis=1))
     expected = np.stack(expected, axis=1)
     power = _power(without_lines(clean(values), step_s)[0])[:, 0]
     model = expected[:, EXPONENTS.index(0)] * power.mean() / expected[:, EXPONENTS.index(0)].mean()
@@ -802,7 +802,7 @@ def power_laws(values: np.ndarray, clean: Callable, count: np.ndarray, step_s: f
 
 
 def _power(runs):
-    """Power over that of a Hann window (f, d) of all runs (n, d), one behind the other, without their means."""
+    """Hann periodograms (f, d) of all runs (n, d), less their means, concatenated; one for unit white noise."""
     parts = []
     for run in runs:
         window = np.hanning(len(run) + 2)[1:-1, None]

@@ -18,19 +18,19 @@ class Band:
 
     block: str
     channel: str
-    band: int
-    p: float  #: probability of as much by chance
-    ratio: float
+    band: int  #: quarter of the spectrum, 0 the lowest
+    p: float  #: probability of more power by chance
+    ratio: float  #: power over its expectation for noise
 
 
 @dataclass(frozen=True)
 class Peak:
     """Best line or step in what the extended model leaves of a channel."""
 
-    kind: str
+    kind: str  #: "line" or "step"
     channel: str
-    chi2: float
-    parameters: int
+    chi2: float  #: reduction by it
+    parameters: int  #: their number
     frequency_hz: float | None = None  #: of a line
     time: float | None = None  #: s, of a step
 
@@ -39,9 +39,9 @@ class Peak:
 class Unexplained:
     """What is left where the extended model is not adequate."""
 
-    p: float | None = None
+    p: float | None = None  #: p-value of the extended model
     bands: Sequence[Band] = ()  #: the least likely
-    scans: Sequence[Peak] = ()
+    scans: Sequence[Peak] = ()  #: best of each channel and kind
 
 
 @dataclass(frozen=True)
@@ -50,19 +50,19 @@ class Outlier:
 
     block: str
     channel: str
-    axis: str
-    time: float
+    axis: str  #: "x", "y" or "z"
+    time: float  #: s
     sigma: float  #: residual over its error
 
 
 @dataclass(frozen=True)
 class Separation:
-    """How well the data tell a cause from one that is tied with it."""
+    """How well the data separate a cause from one that is tied with it."""
 
-    cause: str
-    expected_chi2: float
-    best_block: str | None  #: that tells most
-    events_needed: int | None  #: like this one to tell them apart, None if none can
+    cause: str  #: the tied one
+    expected_chi2: float  #: left if the cause is true and the tied one is fitted
+    best_block: str | None  #: label of the block with most of it
+    events_needed: int | None  #: like this one to separate them, None if none can
 
 
 @dataclass(frozen=True)
@@ -71,36 +71,36 @@ class Imitator:
 
     cause: str
     form: str
-    expected_chi2: float
+    expected_chi2: float  #: left if the cause is true and this driver is fitted
 
 
 @dataclass(frozen=True)
 class HeldoutGain:
-    """Chi-square that a cause gains on data left out and on those it is fitted to, by so many parameters."""
+    """Chi-square that a cause gains, by so many parameters, on held-out data and on those it is fitted to."""
 
-    chi2: float
+    chi2: float  #: on held-out data
     in_sample_chi2: float
-    parameters: int
+    parameters: int  #: their number
 
 
 @dataclass(frozen=True, kw_only=True)
 class NamedCause(Entry):
     """A cause that was named."""
 
-    tied_with: Sequence[str]
+    tied_with: Sequence[str]  #: slugs
     adopted: bool  #: into the calibration that is delivered
     in_catalogue: bool
     model: Mapping[str, Parameter]  #: parameters as a model takes it out
     significance: float  #: probability corrected for everything that was tried
-    level: float
-    heldout: str  #: "manoeuvres" or "blocks"
+    level: float  #: family-wise level of the search
+    heldout: str  #: "manoeuvres" or "blocks", which were left out
     heldout_gain: HeldoutGain
     separation: Sequence[Separation]
     imitators: Sequence[Imitator]
 
     @property
     def entries(self) -> list[Entry]:
-        """Its entry of a model, none of what no model takes out."""
+        """Its Entry of a model in a list, empty where no model takes it out."""
         return [Entry(self.cause, self.form, self.model, self.waves, self.leads)] if self.model else []
 
 
@@ -110,27 +110,27 @@ class Change:
 
     names: Sequence[str]
     unit: str
-    variant: str
-    before: Numbers
+    variant: str  #: of the calibration, such as "joint fit"
+    before: Numbers  #: (p,)
     sigma_before: Numbers
-    after: Numbers
+    after: Numbers  #: (p,)
     sigma_after: Numbers
-    change: Numbers
+    change: Numbers  #: (p,) after less before
     change_in_old_sigma: Numbers
-    covariance_of_findings: Sequence[Numbers]
-    correction: Numbers  #: what the calibration of the records without the model lacks
-    epoch: float | None = None  #: s, at which what moves is given
+    covariance_of_findings: Sequence[Numbers]  #: (p, p) after less before
+    correction: Numbers  #: (p,) after less the calibration of the records with the model removed
+    epoch: float | None = None  #: GPS s, at which a moving parameter is stated
 
 
 @dataclass(frozen=True)
 class Gain:
-    """Chi-square, likelihood and criterion; rms of the whitened residual by channel."""
+    """Chi-square, log likelihood and Bayesian information criterion; {channel: rms} of the whitened residual."""
 
     chi2_before: float
     chi2_after: float
     dof_before: int
     dof_after: int
-    heldout_chi2: float
+    heldout_chi2: float  #: gained on held-out data, sum over findings
     log_likelihood_before: float
     log_likelihood_after: float
     bic_change: float
@@ -144,9 +144,9 @@ class Tried:
 
     cause: str
     form: str
-    chi2: float
-    parameters: int
-    significance: float
+    chi2: float  #: reduction by it
+    parameters: int  #: their number
+    significance: float  #: p-value corrected for everything that was tried
 
 
 @dataclass(frozen=True)
@@ -158,23 +158,23 @@ class Limit:
     parameter: str
     unit: str
     prior: float | None  #: plausible size
-    size: float | None
-    signal_to_noise: float | None
+    size: float | None  #: limit, in unit
+    signal_to_noise: float | None  #: of that size
     confirmed: bool | None  #: by the search itself
     alone_from: float | None  #: size from which it is tied with nothing
-    confused_with: Sequence[str]
-    bias: Numbers | None  #: of the result just below, or of the plausible size where it is not seen at all
+    confused_with: Sequence[str]  #: slugs of causes named near the limit
+    bias: Numbers | None  #: (p,) of the result by a size just below, or by the plausible size if it is not observable
     bias_in_sigma: float | None
 
 
 @dataclass(frozen=True)
 class Shown:
-    """Where a finding, -1 where none was named, is shown: the reading that it helps most."""
+    """Where a finding is shown: the reading that it helps most."""
 
-    finding: int
+    finding: int  #: index, -1 where none was named
     channel: str
-    block: str
-    axis: int
+    block: str  #: label
+    axis: int  #: 0 x, 1 y, 2 z
 
 
 @dataclass(frozen=True)
@@ -187,24 +187,24 @@ class Readings:
 
 @dataclass(frozen=True)
 class Outcome:
-    """All of it."""
+    """Outcome of a search, all that a report reads."""
 
-    adequate_before: bool
-    adequate_after: bool
-    p_before: float
+    adequate_before: bool  #: whether the baseline leaves noise only
+    adequate_after: bool  #: whether the extended model does
+    p_before: float  #: p-value of the residual
     p_after: float
-    p_quiet_before: float  #: of so little power
+    p_quiet_before: float  #: p-value of so little power
     p_quiet_after: float
-    level: float
+    level: float  #: family-wise
     outliers: Sequence[Outlier]
     findings: Sequence[NamedCause]
     indistinguishable_from_calibration: Sequence[Unobservable]
     unexplained: Unexplained
     calibration_change: Change
     gain: Gain
-    tried: Sequence[Tried]
+    tried: Sequence[Tried]  #: best form of each cause in the first round
     expected: Mapping[str, Numbers]  #: {parameter: value, largest distance from it}
-    weighed: Sequence[Weighed] = ()
+    weighed: Sequence[Weighed] = ()  #: evidence of each cause alone, where few numbers stand for many
     limits: Sequence[Limit] | None = None  #: None where they were not looked for
     readings: Readings | None = None
 

@@ -19,45 +19,45 @@ SCHEMA = {
     "quantity_value": {"dims": "quantity", "units": "1", "long_name": "number, in the unit that the result states"},
     "quantity_text": {"dims": "quantity", "dtype": "str", "long_name": "text"},
 }
-#: How pydantic dumps records.
-AS_TABLES = {"exclude_defaults": True, "warnings": False}
+AS_TABLES = {"exclude_defaults": True, "warnings": False}  # options of the dump of records by pydantic
 
 
 def tabled(dataset: Any, result: Any) -> Any:
-    """Dataset (xarray) with the table of a result, a record or numbers, texts, lists and tables; NaN is nothing."""
+    """Dataset (xarray) with the table of a result, a record or numbers, texts, lists and tables; NaN is None."""
     columns = zip(*_rows("", _adapter(type(result)).dump_python(result, **AS_TABLES)), strict=True)
-    made = {}
-    for (name, stated), values in zip(SCHEMA.items(), columns, strict=True):
-        labels = {label: stated[label] for label in ("units", "long_name") if label in stated}
-        made[name] = "quantity", np.array(values, dtype=object if "dtype" in stated else float), labels
-    return dataset.drop_dims("quantity", errors="ignore").assign(made)
+    variables = {}
+    for (name, spec), values in zip(SCHEMA.items(), columns, strict=True):
+        labels = {label: spec[label] for label in ("units", "long_name") if label in spec}
+        variables[name] = "quantity", np.array(values, dtype=object if "dtype" in spec else float), labels
+    return dataset.drop_dims("quantity", errors="ignore").assign(variables)
 
 
 @functools.cache
 def _adapter(kind):
+    """Pydantic TypeAdapter of a kind, which validates and dumps its records."""
     from pydantic import TypeAdapter  # 30 ms that a run which finds everything need not wait
 
     return TypeAdapter(kind)
 
 
 def plain(record: Any) -> dict:
-    """Tables of a record, in the order of their names."""
+    """Tables {name: value} of a record, of JSON types, in the order of their names."""
     return json.loads(json.dumps(_adapter(type(record)).dump_python(record, **AS_TABLES), sort_keys=True))
 
 
 def record_of(kind: Any, tables: Any) -> Any:
-    """Record of a kind, or several, of tables as `result_of` gives them."""
+    """Record of a kind, or several, validated from tables as of `result_of`."""
     return _adapter(kind).validate_python(tables)
 
 
 def _rows(place: str, value) -> Iterator[tuple[str, str, float, str]]:
-    """Place, kind, number and text of a value and of all that it holds, tables in order of their names."""
+    """Yield JSON pointer, kind, number, text of a value and of all that it holds, tables in order of names."""
     value = value.item() if isinstance(value, np.generic) else value
     if isinstance(value, (Mapping, list, tuple)):
         mapped = isinstance(value, Mapping)
         yield place, "table" if mapped else "list", np.nan, ""
-        for name, one in sorted(value.items()) if mapped else enumerate(value):
-            yield from _rows(f"{place}/{str(name).replace('~', '~0').replace('/', '~1')}", one)
+        for name, member in sorted(value.items()) if mapped else enumerate(value):
+            yield from _rows(f"{place}/{str(name).replace('~', '~0').replace('/', '~1')}", member)
     elif isinstance(value, str):
         yield place, "text", np.nan, value
     else:
@@ -66,7 +66,7 @@ def _rows(place: str, value) -> Iterator[tuple[str, str, float, str]]:
 
 
 def result_of(dataset: Any) -> dict:
-    """Result in the table of a dataset, {} if it has none; a number that is nothing is None."""
+    """Result in the table of a dataset, nested tables and lists, {} if it has none; a NaN number is None."""
     places = {"": {}}
     for place, kind, number, text in zip(*(dataset[name].values for name in SCHEMA if name in dataset), strict=True):
         value = {"table": {}, "list": [], "text": text, "truth": bool(number)}.get(kind)

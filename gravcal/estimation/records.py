@@ -24,8 +24,8 @@ class Block:
     observed: np.ndarray  #: (n,) 1, residual of the baseline, noise of unit variance
     global_columns: np.ndarray  #: (n, p) of parameters common to all blocks, those of the calibration first
     local_columns: np.ndarray  #: (n, k) of parameters of this block alone
-    channel: np.ndarray  #: (n,) of each row
-    axis: np.ndarray  #: (n,)
+    channel: np.ndarray  #: (n,) name of the channel of each row
+    axis: np.ndarray  #: (n,) 0 x, 1 y, 2 z
     time: np.ndarray  #: (n,) s
     #: {epoch s: (n, q)} columns of something that happens once in this block, at an epoch
     steps: dict[float, np.ndarray] = field(default_factory=dict)
@@ -34,36 +34,36 @@ class Block:
 
     @classmethod
     def of(cls, label: str, observed, channel, axis, time, *, shared=None, local=None, **more) -> "Block":
-        """Block whose channel, axis and time are those of each row or of all; global and local columns if any."""
-        about = (np.broadcast_to(one, observed.size) for one in (channel, axis, time))
-        columns = (np.zeros((observed.size, 0)) if one is None else one for one in (shared, local))
-        return cls(label, observed, *columns, *about, **more)
+        """Block whose channel, axis and time s are of each row (n,) or of all; global, local columns if any."""
+        rows = (np.broadcast_to(one, observed.size) for one in (channel, axis, time))
+        matrices = (np.zeros((observed.size, 0)) if one is None else one for one in (shared, local))
+        return cls(label, observed, *matrices, *rows, **more)
 
 
 @dataclass(frozen=True)
 class Shape:
-    """What a cause depends on otherwise than linearly, all positive."""
+    """What a cause depends on otherwise than linearly: s values, all positive, such as a frequency or a delay."""
 
     names: tuple[str, ...]  #: (s,)
     units: tuple[str, ...]  #: (s,)
-    value: np.ndarray  #: (s,) of the columns
+    value: np.ndarray  #: (s,) at which the columns were made
     #: function of (s,) values -> one (n, q) or None a block; with `inside`, of these numbers as well
     columns: Callable[..., list[np.ndarray | None]]
     tried: np.ndarray  #: (t, s) values to begin a refinement from
     lower: np.ndarray  #: (s,) bounds
     upper: np.ndarray  #: (s,)
-    #: function of (s,) values, the residual and the basis of the local columns of each block -> (b,) a number a block
-    #: that nothing else shares, where it fits best; None without
+    #: function of (s,) values, residual and basis of the local columns of each block -> (b,) best fit of a value that
+    #: each block has by itself; None without such a value
     inside: Callable[..., np.ndarray] | None = None
     sized: bool = False  #: True if the first of the values is the size of the cause itself
     covariance: np.ndarray | None = None  #: (s, s) once it is refined, None before
-    chosen: np.ndarray | None = None  #: (b,) of `inside` then
-    slopes: list[np.ndarray] | None = None  #: (n, s) by these values, of what was found, once it is refined
+    chosen: np.ndarray | None = None  #: (b,) values of `inside` then
+    slopes: list[np.ndarray] | None = None  #: (n, s) a block, derivatives of the signal by these once refined
     words: str = ""  #: of the form, before the values
 
     @property
     def parameters(self) -> "dict[str, Parameter]":
-        """Values with their errors, NaN before it is refined."""
+        """{name: Parameter} of the values, sigma NaN before it is refined."""
         sigma = self.value * np.nan if self.covariance is None else np.sqrt(np.diag(self.covariance))
         rows = zip(self.names, self.value.tolist(), sigma.tolist(), self.units, strict=True)
         return {name: Parameter(value, error, unit) for name, value, error, unit in rows}
@@ -71,7 +71,7 @@ class Shape:
 
 @dataclass(frozen=True)
 class Wider:
-    """Candidates of laws made of one series: which it is, and the function that makes them."""
+    """Further candidates made of one series: a key of the series, and the function that makes them."""
 
     key: tuple[str, ...]
     made: "Callable[[], list[Candidate]]"
@@ -93,9 +93,9 @@ class Candidate:
     spread: np.ndarray | None = None  #: (q, q) covariance of the parameters by the error of the shape, None without
     apart: bool = False  #: True if several forms may act at once, as lines of several frequencies do
     wider: Wider | None = None  #: Wider, candidates that are tried where this one comes near; None without
-    #: numbers of the calibration's parameters that a mean of each of its own, which the form leaves open, would be
+    #: indices of the calibration's parameters that an unknown mean of each of its own parameters would change
     means: tuple[int, ...] = ()
-    of_frame: bool = False  #: True if it turns the frame that the result is given in: its error is none of the result's
+    of_frame: bool = False  #: True if it rotates the frame of the result, whose error it does not add to
 
     @property
     def listed(self) -> bool:
@@ -108,7 +108,7 @@ class Candidate:
         return sum(c is not None for c in self.columns) == 1
 
     def added(self, entry: "Entry") -> list[np.ndarray | None]:
-        """What an entry of this form adds in each block, (n, ...), by its columns (n, ..., q)."""
+        """Signal (n, ...) that an entry of this form adds in each block, None where it adds nothing."""
         sizes = np.array([entry.values.get(name, 0.0) for name in self.names])
         return [None if c is None else c @ sizes for c in self.columns]
 
@@ -117,19 +117,19 @@ class Candidate:
         return [self, *(self.part([k], name) for k, name in enumerate(self.names if len(self.names) > 1 else ()))]
 
     def part(self, kept: Sequence[int], name: str) -> "Candidate":
-        """The candidate with some of its parameters, by index, and what these are called."""
+        """The candidate with the parameters at indices kept only, its form "<name> alone"."""
         columns = [c if c is None else c[:, kept] for c in self.columns]
         names, units, prior = ([values[k] for k in kept] for values in (self.names, self.units, self.prior))
         return replace(self, form=f"{name} alone", names=names, units=units, prior=prior, columns=columns)
 
 
 def at_epoch(slug: str, epoch: float) -> str:
-    """Cause of something that happens at an epoch s: each epoch is a cause of its own while it is searched for."""
+    """Cause "slug@epoch" of something at an epoch s: each epoch is a cause of its own while it is searched for."""
     return f"{slug}@{epoch:.1f}"
 
 
 def slug_of(cause: str) -> str:
-    """Cause without its epoch."""
+    """Cause without its "@epoch"."""
     return cause.partition("@")[0]
 
 
@@ -161,7 +161,7 @@ class Wave:
 
 @dataclass(frozen=True)
 class Lead:
-    """Time s of one manoeuvre, which starts at `start` s: by which its commanded edges are earlier than those seen.
+    """Time s of one manoeuvre, that begins at `start` s, by which its commanded edges lead the observed ones.
 
     Of a step that every manoeuvre has: after the start of the manoeuvre.
     """
@@ -176,9 +176,9 @@ class Entry:
 
     cause: str
     form: str
-    parameters: Mapping[str, Parameter]
-    waves: tuple[Wave, ...] = ()
-    leads: tuple[Lead, ...] = ()
+    parameters: Mapping[str, Parameter]  #: by name
+    waves: tuple[Wave, ...] = ()  #: one a manoeuvre
+    leads: tuple[Lead, ...] = ()  #: one a manoeuvre
 
     @property
     def listed(self) -> bool:
@@ -187,9 +187,9 @@ class Entry:
 
     @property
     def values(self) -> dict[str, float]:
-        """Values by parameter, none where not determined."""
-        known = {n: p.value for n, p in self.parameters.items() if p.value is not None}
-        return {n: v for n, v in known.items() if math.isfinite(v)}
+        """{name: value} of the parameters that are determined."""
+        valued = {n: p.value for n, p in self.parameters.items() if p.value is not None}
+        return {n: v for n, v in valued.items() if math.isfinite(v)}
 
 
 def entries(model: Sequence[Mapping]) -> list[Entry]:
@@ -201,7 +201,7 @@ def entries(model: Sequence[Mapping]) -> list[Entry]:
 
 @dataclass(frozen=True)
 class LineSearch:
-    """Where lines are looked for beside the rounds: channel, axis (-1: all), their cause, and unit of the channel."""
+    """Where lines are searched for after the rounds: channel, axis (-1: all), their cause, unit of the channel."""
 
     channel: str
     axis: int
@@ -211,7 +211,7 @@ class LineSearch:
 
 @dataclass(frozen=True)
 class Unobservable:
-    """Direction of a cause, at its plausible size, that moves the result without being seen."""
+    """Direction of a cause, at its plausible size, that biases the result without being observable."""
 
     cause: str
     direction: Mapping[str, float]  #: {parameter: share of its plausible size}
@@ -233,7 +233,7 @@ class Weighed:
 
 @dataclass(frozen=True)
 class Fitted:
-    """A cause as it was fitted."""
+    """A cause with its fitted parameters, and the residual of the model that it is part of."""
 
     candidate: Candidate  #: Candidate, with its shape as refined
     value: np.ndarray  #: (q,) of its parameters, NaN where not determined
@@ -244,7 +244,7 @@ class Fitted:
 
 @dataclass(frozen=True)
 class Reported:
-    """What a calibration says of its result and readings beside a discovery, `REPORT` of the module of `observe`."""
+    """How a calibration reports its result and readings beside a discovery: `REPORT` of the module of `observe`."""
 
     #: combined product, variant (None: the adopted) -> variant, parameters (p,) and covariance (p, p), reported unit
     result: Callable[..., tuple[str, np.ndarray, np.ndarray]] | None = None
@@ -289,16 +289,16 @@ class Observations(Protocol):
     ] = {}  #: {slug: delay of tags that are minutes off}, as the records themselves show it
 
     def response(self, entry: Entry) -> list[np.ndarray]:
-        """Whitened rows (n,) of each block that an effect of given size adds; linear in the candidate of its form."""
+        """Whitened rows (n,) of each block that an entry at its values adds; linear in the candidate of its form."""
         total = [np.zeros(block.observed.size) for block in self.blocks]
         for one in self.forms_of(entry):
             total = [t if c is None else t + c for t, c in zip(total, one.added(entry), strict=True)]
         return total
 
     def forms_of(self, entry: Entry) -> Iterable[Candidate]:
-        """Candidate that an entry is a size of, none where its form is no candidate's.
+        """Candidates that an entry is a size of, empty where its form is no candidate's.
 
-        A few parameters of a listed cause that a search has put together are some of those of its whole form.
+        A form of a few parameters that a search has combined of a listed cause is represented by the whole form.
         """
         forms = [one for one in self.candidates if (one.cause, one.form) == (entry.cause, entry.form)]
         wider = (one for one in self.candidates if one.cause == entry.cause and set(entry.values) <= set(one.names))
@@ -309,39 +309,39 @@ class Observations(Protocol):
         ...
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Time (m,) s, reading (m, a) that the baseline predicts, and whitened rows (n, q) of a block in its unit.
+        """Time (m,) s, reading (m, a) that the baseline predicts, whitened rows (n, q) of a block in its unit.
 
-        Columns are (q, m, a).
+        The last are (q, m, a); `number` is that of the block.
         """
         ...
 
     def wave(self, search: LineSearch) -> Callable[[int, float], np.ndarray]:
-        """Function (block, Hz) -> whitened cosine and sine (n, 2) of a line."""
+        """Function (block number, Hz) -> whitened cosine and sine (n, 2) of a line."""
         ...
 
     def near(self, fitted: Fitted) -> list[Candidate]:  # noqa: ARG002
-        """Candidates at epochs round that of a cause that was found, for a second search; none without."""
+        """Candidates at epochs near that of a fitted cause, for a second search; none by default."""
         return []
 
     def spacing(self, epoch: float) -> float | None:  # noqa: ARG002
-        """Spacing s of the search for epochs there, in which its likelihood is averaged; None if `physical` does."""
+        """Spacing s of the epochs searched near one, over which its likelihood is averaged; None: `physical` does."""
         return None
 
     def physical(self, entry: Entry, fitted: Fitted) -> Entry:
-        """Parameters as the effect of the catalogue has them, from those of the candidate: with those of its shape."""
+        """Entry with the parameters of the catalogue's effect, from those of the candidate and of its shape."""
         if entry.cause in self.delays:
             return replace(entry, parameters={"delay": self.delays[entry.cause]})
         shape = fitted.candidate.shape
         return entry if shape is None else replace(entry, parameters=dict(entry.parameters) | shape.parameters)
 
     def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
-        """True if the search is repeated in records without these causes, which gained so much chi-square."""
+        """True if the search is worth repeating without these (cause, chi-square gain) in the records."""
         return bool(gains)
 
     def weighed(self) -> list[Weighed]:
-        """Evidence of the causes where few numbers stand for many, the best first."""
+        """Evidence of each cause alone, best first, where few numbers stand for many; empty by default."""
         return []
 
     def biased(self) -> list[Unobservable]:
-        """Effects that move the drag beside the parameters, but for what the data show of them."""
+        """Effects that bias the drag but not the parameters, their S/N still open; empty by default."""
         return []

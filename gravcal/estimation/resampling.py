@@ -40,10 +40,10 @@ def lowpass_resampler(
     begin, end = time_out - half_width_s, time_out + half_width_s
     first = np.searchsorted(time_in, begin)
     last = np.minimum(np.searchsorted(time_in, end, side="right"), first + width) - 1
-    lost = np.cumsum(np.append(0, ~np.asarray(good, dtype=bool)))
+    missing = np.cumsum(np.append(0, ~np.asarray(good, dtype=bool)))
     gaps = np.cumsum(np.diff(time_in, prepend=time_in[0]) > longest)
     start, low, high = np.minimum(first, count - width), np.minimum(first, count - 1), np.maximum(last, 0)
-    valid = (last >= first) & (lost[last + 1] == lost[first]) & (gaps[high] == gaps[low])
+    valid = (last >= first) & (missing[last + 1] == missing[first]) & (gaps[high] == gaps[low])
     valid &= (time_in[low] - begin < longest) & (end - time_in[high] < longest)
     lag = time_in[start[:, None] + np.arange(width)] - time_out[:, None]
     window = i0(5.0 * np.sqrt(np.maximum(1 - (lag / half_width_s) ** 2, 0.0)))
@@ -54,26 +54,26 @@ def lowpass_resampler(
 
 
 def operator_for(time, good, start: float, stop: float, lowpass_hz: float, half_width_s: float, step_s: float):
-    """Low-pass and resampling of samples (n,) s of an arc, its support never beyond the ends; Hz and s."""
+    """`lowpass_resampler` of samples (n,) of an arc, start to stop, to a grid of step_s, support inside; s and Hz."""
     grid = np.arange(np.ceil((start + half_width_s) / step_s) * step_s, stop - half_width_s, step_s)
     return lowpass_resampler(time, good, grid, lowpass_hz=lowpass_hz, half_width_s=half_width_s)
 
 
 def lines_between(at: np.ndarray, time: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Straight lines between samples (n, m) at other epochs (k,), column by column."""
+    """Linear interpolation (k, m) of samples (n, m) at times (n,) to epochs at (k,), column by column."""
     return np.stack([np.interp(at, time, column) for column in values.T], axis=1)
 
 
 def on_even_grid(time: np.ndarray, step: float, values: np.ndarray) -> np.ndarray:
-    """Values (n, ...) at their places on the even grid from the first epoch to the last, NaN where missing."""
-    place = np.rint((time - time[0]) / step).astype(int)
-    grid = np.full((place[-1] + 1, *values.shape[1:]), np.nan)
-    grid[place] = values
+    """Values (n, ...) at times (n,) on an even grid (k, ...) from the first epoch to the last, NaN where missing."""
+    index = np.rint((time - time[0]) / step).astype(int)
+    grid = np.full((index[-1] + 1, *values.shape[1:]), np.nan)
+    grid[index] = values
     return grid
 
 
 def bin_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Means (b, ...) over bins of values (n, ...), NaN where a bin is empty, and samples in each (b,).
+    """Means (b, ...) over bins of values (n, ...), NaN where a bin is empty, and number of samples in each (b,).
 
     Samples that are NaN are left out; times (n,) s increase, edges are (b + 1,) s.
     """
@@ -89,7 +89,7 @@ def bin_means(time: np.ndarray, values: np.ndarray, edges: np.ndarray) -> tuple[
 
 @njit(cache=True)
 def _applied(start, weights, valid, columns):
-    """Weighted sums (m, q) of rows, four rows at once; what lies beyond the weights may be missing."""
+    """Weighted sums (m, q) of rows of columns (n, q), four at once; rows of zero weight at the ends may be NaN."""
     out = np.full((start.size, columns.shape[1]), np.nan)
     for j in range(start.size):
         if not valid[j]:

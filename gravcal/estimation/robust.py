@@ -13,9 +13,9 @@ class RobustEstimate:
 
     value: np.ndarray  #: (p,)
     information: np.ndarray  #: (p, p) inverse covariance
-    weight: np.ndarray  #: (n,) of every observation, 0 to 1
+    weight: np.ndarray  #: (n,) IGG-III factor of every observation, 0 to 1
     scale: float  #: robust standard deviation of the residuals
-    formal_factor: float  #: formal sigma of the weighted normal equations over the honest sigma
+    formal_factor: float  #: formal sigma of the weighted normal equations over that of `information`
 
 
 def igg3_weights(normalised: np.ndarray, k0: float, k1: float) -> np.ndarray:

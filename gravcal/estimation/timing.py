@@ -41,8 +41,8 @@ def normalised(second, fraction) -> Tags:
     second, fraction = np.asarray(second, np.int64), np.asarray(fraction, float)
     carry = np.where(np.isfinite(fraction), np.floor(fraction), 0.0)
     fraction = fraction - carry
-    whole = fraction >= 1.0  # a tiny negative fraction rounds up to 1
-    return Tags(second + carry.astype(np.int64) + whole, np.where(whole, 0.0, fraction))
+    rounded = fraction >= 1.0  # a tiny negative fraction rounds up to 1
+    return Tags(second + carry.astype(np.int64) + rounded, np.where(rounded, 0.0, fraction))
 
 
 def tim1b_clock(obc_second, rcv_second, rcv_fraction, qualflg) -> Clock:
@@ -65,7 +65,7 @@ def clk1b_clock(rcv_second, eps_time, eps_drift, qualflg) -> Clock:
 
 
 def _clock(second, offset, drift, qualflg):
-    """Knots in order, finite, equal ones merged; of two at one second the one that ends a stretch comes first."""
+    """Clock with knots in order, finite, equal ones merged; of two at one second that which ends a stretch is first."""
     ends, starts = (np.asarray(qualflg) & ENDS) > 0, (np.asarray(qualflg) & STARTS) > 0
     order = np.lexsort([~ends, second])
     order = order[np.isfinite(offset[order]) & np.isfinite(drift[order])]
@@ -79,10 +79,10 @@ def _clock(second, offset, drift, qualflg):
 
 
 def converted(tags: Tags, clock: Clock, gap_s: float, reach_s: float, jump_s: float) -> tuple[Tags, np.ndarray]:
-    """Tags in the time that a clock leads to, never across one of its jumps, and where they are undetermined (n,).
+    """Tags in the time that a clock leads to, never across one of its jumps, and True (n,) where undetermined.
 
-    On-board tags for the clock of TIM1B, receiver time for that of CLK1B; undetermined is what lies in a longer gap
-    between two knots, further beyond the last one, or at a larger jump.
+    On-board tags for the clock of TIM1B, receiver time for that of CLK1B; undetermined is what lies in a gap over
+    gap_s between two knots, over reach_s beyond the first or last one, or at a jump over jump_s, all in s.
     """
     if not len(clock.second):
         undetermined = np.ones(len(tags.second), bool)
@@ -104,20 +104,20 @@ def converted(tags: Tags, clock: Clock, gap_s: float, reach_s: float, jump_s: fl
 
 
 def _reachable(clock, gap_s, jump_s):
-    """Whether the clock may be followed from each knot to the next."""
-    steps = np.diff(clock.second)
-    steady = np.abs(clock.offset[1:] - (clock.offset[:-1] + clock.drift[:-1] * steps)) <= jump_s
+    """True (m,) if the clock may be interpolated from each knot to the next, False for the last knot."""
+    intervals = np.diff(clock.second)
+    steady = np.abs(clock.offset[1:] - (clock.offset[:-1] + clock.drift[:-1] * intervals)) <= jump_s
     flagged = clock.ends[:-1] | clock.starts[1:]
-    unexplained = (steps == 0) & ~flagged  # two offsets at one second, and nothing says which holds
+    unexplained = (intervals == 0) & ~flagged  # two offsets at one second, and nothing says which holds
     doubtful = np.append(unexplained, False) | np.insert(unexplained, 0, False)
-    return np.append((steps <= gap_s) & steady & ~flagged & ~(doubtful[:-1] | doubtful[1:]), False)
+    return np.append((intervals <= gap_s) & steady & ~flagged & ~(doubtful[:-1] | doubtful[1:]), False)
 
 
 def ordered(tags: Tags, values=()) -> tuple[np.ndarray, np.ndarray, dict[str, int]]:
-    """Records (k,) in the order of tags that are all determined, the first of each; two are equal if their values are.
+    """Indices (k,) of records in the order of their tags, all determined, of equal tags the first; conflicts; counts.
 
-    With them comes where a dropped one had the same tag and other values (n, ...), (k,) bool, and counts of records,
-    out_of_order, repeated and conflicting ones.
+    Conflicts (k,) are True where a dropped record had the same tag and other values (n, ...); counts {name: number} of
+    records, out_of_order, repeated (same values) and conflicting ones.
     """
     n = len(tags.second)
     order = np.lexsort([np.arange(n), tags.fraction, tags.second])
@@ -132,10 +132,10 @@ def ordered(tags: Tags, values=()) -> tuple[np.ndarray, np.ndarray, dict[str, in
     differs = repeats & ~equal
     conflicting = np.zeros(n, bool)
     conflicting[first[differs]] = True
-    time = tags.second[1:] - tags.second[:-1] + (tags.fraction[1:] - tags.fraction[:-1])
+    intervals = tags.second[1:] - tags.second[:-1] + (tags.fraction[1:] - tags.fraction[:-1])
     counts = {
         "records": n,
-        "out_of_order": int((time < 0).sum()),
+        "out_of_order": int((intervals < 0).sum()),
         "repeated": int((repeats & ~differs).sum()),
         "conflicting": int(differs.sum()),
     }
@@ -148,17 +148,17 @@ CLEARLY = 2.0
 
 
 def lag(read, foretold, longest: int, near: int, weight=1.0, *, either: bool = False) -> int:
-    """Steps by which series lag behind what makes them, the lag of largest gain in chi-square; 0 where none stands out.
+    """Lag in steps of series behind their prediction, that of largest chi-square gain; 0 where none stands out.
 
-    None does where all lags are near the best. Both are spectra (n + 1, k) of series on one even grid of n steps, of n
-    zeros behind them, the weight that of each frequency; `longest` is the largest lag, and as far as `near` from the
-    best lags are not independent of it. With `either` a series may follow with either sign.
+    None does where all lags are near the best. Both are spectra (n + 1, k) of k series of n steps on one even grid, n
+    zeros appended, weight that of each frequency; `longest` is the largest lag tried, and lags within `near` of the
+    best are not independent of it. With `either` a series may follow with either sign.
     """
     by_lag = np.fft.irfft(read * foretold.conj() * weight, axis=0)
     by_lag = by_lag if either else np.maximum(by_lag, 0.0)
     power = np.sum(np.abs(foretold) ** 2 * weight, axis=0)
     gain = (by_lag**2 / np.maximum(power, 1e-300)).sum(axis=1)
-    tried = np.arange(-longest, longest + 1)
-    best = int(tried[np.argmax(gain[tried])])
-    others = gain[tried[np.abs(tried - best) > near]]
+    lags = np.arange(-longest, longest + 1)
+    best = int(lags[np.argmax(gain[lags])])
+    others = gain[lags[np.abs(lags - best) > near]]
     return best if gain[best] > CLEARLY * np.max(others, initial=0.0) and others.size else 0
