@@ -462,14 +462,14 @@ class Search:
         return sorted({row.cause: row for row in ties}.values(), key=lambda row: row.expected_chi2)
 
     @staticmethod
-    def _share(both, baseline, mine, theirs):
-        """Chi-square (n,) by which each event prefers columns mine to theirs, fitted to all; Gram both (n, c, c)."""
-        total, chi2 = both.sum(axis=0), []
+    def _share(grams, baseline, mine, theirs):
+        """Chi-square (n,) by which each event of grams (n, c, c) prefers columns mine to theirs, fitted to all."""
+        total, chi2 = grams.sum(axis=0), []
         for place in (theirs, mine):
             index = np.r_[baseline, np.arange(place.start, place.stop)]
             combination = np.zeros(total.shape[0])
             combination[0], combination[index] = 1.0, -inverse_of(total[np.ix_(index, index)]) @ total[index, 0]
-            chi2.append(np.einsum("m,bmk,k->b", combination, both, combination))
+            chi2.append(np.einsum("m,bmk,k->b", combination, grams, combination))
         return chi2[0] - chi2[1]
 
     def _offsets(self, laws, value, covariance, named):

@@ -247,7 +247,7 @@ def baseline_of(problem: Problem, indices) -> np.ndarray:
 def residuals_of(
     problem: Problem, baseline: np.ndarray, noise: list[np.ndarray], *, over: bool = False
 ) -> list[np.ndarray]:
-    """Residuals (n, d) a block of signals (n, d), named noise, after local and baseline columns; in place if over."""
+    """Residuals (n, d) of any signals, noise (n, d) a block, after local and baseline columns; in place if over."""
     return best_fit(problem, baseline, noise, over=over)[1]
 
 

@@ -278,7 +278,7 @@ def telegraph_of(problem: Problem, baseline: np.ndarray, channel: str) -> Candid
 
 
 def _rows(block, excess, axis, begin):
-    """True (n,) for weighted rows of an axis in the time span of an excess, counted from `begin` s of the record."""
+    """True (n,) for weighted rows of an axis in the time span of an excess; the record begins at time `begin` s."""
     on_axis, since = (block.channel == excess.channel) & (block.axis == axis), block.time - begin
     return on_axis & weighted_rows(block) & (since >= excess.span[0]) & (since <= excess.span[1])
 

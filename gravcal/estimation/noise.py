@@ -225,7 +225,7 @@ def fit_spectrum(pieces: Sequence[tuple], step_s: float, knot_hz: np.ndarray, be
 
 
 def _scored(start, frequency, waves, bend):
-    """Spectrum by Fisher scoring from waves: squares (m,), each a sum of times (m,), and responses (m, f)."""
+    """Spectrum by Fisher scoring of waves: squares (m,) of `times` (m,) pieces, responses (m, f); bend: prior sigma."""
     square, times, response = waves
     knots, value, shares = start.knot_hz, start.log_density, start.shares(frequency)
     bends = np.diff(np.diff(np.eye(knots.size), axis=0) / np.diff(np.log(knots))[:, None], axis=0)
@@ -411,8 +411,8 @@ def _scatter(value, variance, member, axes):
     mean = (weight @ value) / total[:, None]
     excess = np.sum(weight @ value**2) - np.sum(total[:, None] * mean**2)
     excess -= axes * (member.sum() - np.sum(member.any(axis=1)))
-    freedom = axes * np.sum(total - np.sum(weight**2, axis=1) / total)
-    return max(float(excess / freedom), 0.0) if freedom > 1e-6 * total.sum() else 0.0
+    denominator = axes * np.sum(total - np.sum(weight**2, axis=1) / total)
+    return max(float(excess / denominator), 0.0) if denominator > 1e-6 * total.sum() else 0.0
 
 
 PIECES = 150  # of simulated noise
