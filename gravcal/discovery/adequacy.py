@@ -16,6 +16,7 @@ from gravcal.discovery.problem import Problem, baseline_of, inverse_of_baseline,
 from gravcal.errors import EstimationError
 from gravcal.estimation import chi2_tail
 from gravcal.estimation.outcome import Band, Outlier
+from gravcal.estimation.records import epoch_of
 
 BANDS = 4  # of equal width, of the spectrum of a channel in a block
 DRAWS = 199  # of noise
@@ -100,9 +101,10 @@ def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Proble
         for channel, axis in sorted({(str(block.channel[i]), int(block.axis[i])) for i in far}):
             samples = np.flatnonzero((block.channel == channel) & (block.axis == axis))
             groups = _alone(values[samples, 0], limit, order.get(channel, 0) + WIDE)
-            for group in (samples[g] for g in groups):
-                worst = group[np.argmax(np.abs(values[group, 0]))]
-                if samples.size < 8 * BANDS or _explained(problem, baseline, residuals, k, group, limit):
+            groups = [samples[g] for g in groups]
+            worst_rows = [int(g[np.argmax(np.abs(values[g, 0]))]) for g in groups]
+            for group, worst in zip(groups, worst_rows, strict=True):
+                if samples.size < 8 * BANDS or _explained(problem, baseline, residuals, k, group, limit, worst_rows):
                     continue
                 rows += group.tolist()
                 where = block.label, channel, "xyz"[axis]
@@ -126,8 +128,8 @@ def _alone(values, limit, width):
     return groups if len(groups) <= MOST and np.sum(remaining > (NEAR + limit) / 2) <= MOST else []
 
 
-def _explained(problem, baseline, residuals, index, group, limit):
-    """True if a listed cause or a step fits the far rows, group (g,), of block `number` to within limit."""
+def _explained(problem, baseline, residuals, index, group, limit, near):
+    """True if a listed cause, or a step at one of the rows `near`, fits far rows, group (g,), of block `index`."""
     block, columns = problem.blocks[index], problem.columns[index]
     gram, inverse = attribution.projected(problem.total, baseline), inverse_of_baseline(problem, baseline)
     rows = np.stack([columns.row(i) for i in group])
@@ -144,10 +146,11 @@ def _explained(problem, baseline, residuals, index, group, limit):
         value = np.linalg.lstsq(clean, residuals[index][:, 0], rcond=1e-6)[0]
         return value, np.abs(residuals[index][group, 0] - clean[group] @ value).max()
 
+    epochs = ((one.columns[index], epoch_of(one.cause)) for one in problem.candidates if one.listed)
+    steps = dict(block.steps) | {epoch: rows for rows, epoch in epochs if rows is not None and np.isfinite(epoch)}
     if any(fitted(shape)[1] < limit for shape in block.steps.values()):
         return True
-    row = int(group[np.argmax(np.abs(residuals[index][group, 0]))])
-    for shape in _steps_about(block, row):
+    for row, shape in ((r, shape) for r in near for shape in _steps_about(block, steps, r)):
         value, remainder = fitted(shape)
         largest = int(np.argmax(np.abs(shape[row] * value)))
         share = value[largest - value.size // 2] / value[largest]  # of the other column; a bad sample has -1
@@ -156,18 +159,18 @@ def _explained(problem, baseline, residuals, index, group, limit):
     return False
 
 
-def _steps_about(block, row):
-    """Yield columns (n, 2 q) of steps at two neighbouring samples near a row: the block's nearest step, shifted.
+def _steps_about(block, steps, row):
+    """Yield columns (n, 2 q) of steps at two neighbouring samples near a row: the nearest of {epoch: (n, q)}, shifted.
 
     Both of one sign are a step between the samples, both of opposite sign a pulse.
     """
     samples = np.flatnonzero((block.channel == block.channel[row]) & (block.axis == block.axis[row]))
-    for epoch in sorted(block.steps, key=lambda at: abs(at - block.time[row]))[:1]:
+    for epoch in sorted(steps, key=lambda at: abs(at - block.time[row]))[:1]:
         first = int(np.searchsorted(samples, row) - np.searchsorted(block.time[samples], epoch))
-        moved = np.zeros((4, *block.steps[epoch].shape))
+        moved = np.zeros((4, *steps[epoch].shape))
         for k, shift in enumerate(range(first - 2, first + 2)):
             source, target = samples[max(-shift, 0) : samples.size - max(shift, 0)], samples[max(shift, 0) :]
-            moved[k, target[: source.size]] = block.steps[epoch][source]
+            moved[k, target[: source.size]] = steps[epoch][source]
         yield from (np.concatenate(moved[k : k + 2], axis=1) for k in range(3))
 
 

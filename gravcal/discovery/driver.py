@@ -307,7 +307,7 @@ def joint_lines(result: Result, observed: Observations, search: LineSearch, choi
         return []
     joint = np.flatnonzero((spectrum.place == search.axis) & offered(spectrum, choice.periods))
     at, score = spectrum.at[joint], (spectrum.gain[:, 0] - 2 * spectrum.dof)[joint]
-    step, kept, padded = float(np.median(np.diff(at))), [], np.pad(score, 1, constant_values=-np.inf)
+    step, kept, padded = np.median(np.diff(np.unique(spectrum.at))), [], np.pad(score, 1, constant_values=-np.inf)
     peaks = np.flatnonzero((score > padded[:-2]) & (score > padded[2:]))  # a slow line has few cycles, others beside it
     times = [block.time[block.channel == search.channel] for block in observed.blocks]
     whole = [np.concatenate([t for t, g in zip(times, groups, strict=True) if g == group]) for group in set(groups)]

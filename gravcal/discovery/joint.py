@@ -344,6 +344,7 @@ class Search:
         ends, findings = np.cumsum([0, *(law.weights.shape[1] * self.places[law.cause].size for law in joint)]), []
         order = {law.cause: k for k, law in enumerate(joint)}
         for law, _size in named:
+            self.grams = self.projected(named)
             k = order.get(law.cause)
             mine = law if k is None else joint[k]
             others = self.beside([one for one in joint if one is not mine], law.cause)

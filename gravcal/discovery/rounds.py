@@ -333,13 +333,14 @@ def _widest(problem, index):
 
 
 def _near(problem, gram, index, ratio, tie):
-    """{other cause: (expected chi-square left, index)} of causes that, fitted to the true one, leave less than tie."""
+    """{other cause: (expected chi-square left, index)} of possible ones that, fitted to the true one, leave < tie."""
     true, near = problem.places[index], {}
     for k, (candidate, place) in enumerate(zip(problem.candidates, problem.places, strict=True)):
         if candidate.cause == problem.candidates[index].cause:
             continue
         expected = attribution.misfit(gram, true, ratio.value, place, problem.size) - ratio.dof
-        if expected < min(tie, near.get(candidate.cause, (np.inf, -1))[0]):
+        least = min(tie, near.get(candidate.cause, (np.inf, -1))[0])
+        if expected < least and _possible(candidate, attribution.ratio(gram, place, problem.size)):
             near[candidate.cause] = (expected, k)
     return near
 

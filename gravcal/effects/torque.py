@@ -65,7 +65,7 @@ def lag_swing(edges: np.ndarray, dipole_b: np.ndarray, shift: float, time: np.nd
     return settled - tau**2 * missing[interval] * np.exp(-since_edge / tau) + early
 
 
-_LIMIT = Parameter("limit", "A m2", "largest dipole of a rod", 1.0, neutral=np.inf)
+_LIMIT = Parameter("limit", "A m2", "largest dipole of a rod", 1.0, neutral=np.inf, lower=0.0)
 # The dipole of a rod does not exceed the limit; the neutral limit is infinite.
 law("torque.saturation", "dipole_b", (_LIMIT,), "core saturation", linear=False)(
     lambda context, values: np.clip(context.dipole_b, -values[0], values[0]) - context.dipole_b

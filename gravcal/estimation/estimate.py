@@ -92,7 +92,7 @@ def estimate(
             f"observations {observed.shape}: found columns {columns.shape}, {len(noise)} noise models, "
             f"{len(nuisance)} nuisance rows, expected ({count}, {series}, {len(names)}), {series}, {count}."
         )
-    information, right, square, dof = 0.0, 0.0, 0.0, -len(names)
+    information, right, dof = 0.0, 0.0, -len(names)
     rows = []
     for axis in range(series):
         valid = np.isfinite(observed[:, axis]) & np.isfinite(columns[:, axis]).all(axis=1)
@@ -103,7 +103,6 @@ def estimate(
         rows.append(clean)
         information = information + clean[:, 1:].T @ clean[:, 1:]
         right = right + clean[:, 1:].T @ clean[:, 0]
-        square += float(clean[:, 0] @ clean[:, 0])
         dof += int(valid.sum()) - least_squares.orthonormal(white[:, 1 + len(names) :]).shape[1]
     if dof < 1:
         raise EstimationError(

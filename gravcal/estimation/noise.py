@@ -654,7 +654,7 @@ def _states(field, flip):
 def _spectrum(segments, axis, parts):
     """Mean Hann periodogram of an axis of the segments less a parabola, at multiples of the sampling over ``parts``."""
     total = np.zeros(parts // 2 + 1)
-    for values in (segment[:, axis] for segment in segments):
+    for values in (one[:, axis] for one in segments if np.isfinite(one[:, axis]).sum() > 3):
         index = np.flatnonzero(np.isfinite(values))
         window = np.hanning(index.size + 2)[1:-1]
         tapered = window * (values[index] - np.polynomial.Polynomial.fit(index, values[index], 2)(index))

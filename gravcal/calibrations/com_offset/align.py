@@ -219,7 +219,7 @@ def _spans(detected, acc, sca, mag, orbit, margin, survey):
     times = [d["time_tag"].values for d in (acc, sca, mag, orbit)]
     if any(t.size == 0 for t in times):
         empty = [d.attrs.get("file", d.attrs.get("product")) for d in (acc, sca, mag, orbit) if not d.sizes["record"]]
-        refuse(", ".join(empty), "no record", "those of a day", "Fetch the file again.", EstimationError)
+        refuse(", ".join(map(str, empty)), "no record", "those of a day", "Fetch the file again.", EstimationError)
     first = np.floor(max(float(np.nanmin(t)) for t in times))
     last = min(float(np.nanmax(d["time_tag"].values)) for d in (sca, orbit))
     return np.array([[first, min(last, first + survey)]])

@@ -423,7 +423,7 @@ def attitude_noise(smoothed: xr.Dataset, views: list[Manoeuvre], wider: list[np.
         segments.append(residual)
         columns.append(np.concatenate([one.local_attitude, one.scale_attitude, of_torques], axis=2))
     index = np.array([one.index for one in views])
-    return _measured(segments, columns, (order, 1.0), index, 1 + index.max())
+    return _measured(segments, columns, (order, 1.0), index, 1 + max(index, default=-1))
 
 
 def at_one_hertz(field_: xr.Dataset, begin: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -136,6 +136,8 @@ class ComOffset(Observations):
     @property
     def circumstances(self) -> dict[str, float]:
         """{"beta_deg": elevation of the Sun above the orbital plane, "latitude_deg": mean absolute latitude}."""
+        if not self.views:
+            return {}
         time, orbit = self.views[0].orbit
         at = np.array([np.mean(one.time) for one in self.views])
         position, later = (np.stack([np.interp(at + dt, time, c) for c in orbit.T], axis=1) for dt in (0.0, 60.0))

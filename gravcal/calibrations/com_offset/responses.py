@@ -134,9 +134,9 @@ def _torque_of(entry, values_of):
 
 
 def _clipped(context):
-    """Torque (n, 3, 1) N m per A m2 more on every rod near the largest dipole of the session, which may saturate."""
+    """Torque (n, 3, 1) N m per A m2 missing on every rod near the largest dipole of the session, which may saturate."""
     full = np.abs(context.dipole_b) > REACHED * context.extra["largest_dipole"]
-    return np.cross(np.where(full, np.sign(context.dipole_b), 0.0), context.field_b)[..., None]
+    return np.cross(np.where(full, -np.sign(context.dipole_b), 0.0), context.field_b)[..., None]
 
 
 def _reading(view, entry, values_of):

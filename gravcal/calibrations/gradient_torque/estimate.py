@@ -55,7 +55,7 @@ def drag(
     by_motion = modelled["motion_covariance"].values[motion]
     variance = gravity_sigma_scale**2 * modelled["gradient_variance"].values
     by_gravity = gravity_covariance(variance, modelled["up_b"].values, place)
-    by_place = np.diag(np.sum(np.array(satellite["sensor_position_sigma"])[: len(sensors)] ** 2, axis=0))
+    by_place = np.diag(np.sum(np.array(satellite["sensor_position_sigma"])[sensors] ** 2, axis=0))
     by_place = tensor @ (by_place / len(sensors) ** 2) @ np.swapaxes(tensor, 1, 2)
     parts = [np.broadcast_to(white, by_motion.shape), by_motion, by_gravity, by_place]
     if method == "one_sensor_published":
@@ -255,7 +255,8 @@ def combine(
     values["single_rank"], values["null_space"] = model.single_epoch(sensor)
     values["printed_rank"], values["printed_null"] = model.printed_pair(*vectors)
     one_sensor = drags[list(methods).index("one_sensor")]
-    steps = model.joint(sensor, _arc(modelled, one_sensor, identifiability_epochs, identifiability_step_s, satellite))
+    arc = _arc(modelled, one_sensor, single_sensor - 1, identifiability_epochs, identifiability_step_s, satellite)
+    steps = model.joint(sensor, arc)
     knowledge, ranks, sizes, sigmas = zip(*steps, strict=True)
     values |= {"step": np.array(knowledge), "step_rank": ranks, "step_unknowns": sizes, "step_sigma": sigmas}
     return build(SCHEMAS["combine"], values | {"unknown": np.array(model.UNKNOWNS)}, title="Drag by all methods")
@@ -268,19 +269,19 @@ def _rms(values):
     return np.sqrt(np.where(count > 0, np.sum(values**2, axis=(1, 2), where=finite), np.nan) / np.maximum(count, 1))
 
 
-def _arc(modelled, one_sensor, epochs, spacing, satellite):
-    """Motion and standard deviations at a few epochs, `spacing` s apart, from a quarter of the record on."""
+def _arc(modelled, one_sensor, sensor, epochs, spacing, satellite):
+    """Motion and standard deviations of a sensor at some epochs, `spacing` s apart, from a quarter of the record on."""
     time, drag_b = modelled["time"].values, one_sensor["drag_b"].values
     step = float(np.median(np.diff(time)))
     every = max(1, min(round(spacing / step), time.size // (2 * epochs)))
     at = time.size // 4 + every * np.arange(epochs)
     band = 1 / np.sqrt(2 * step)
-    place = modelled["sensor_position_b"].values[0]
+    place = modelled["sensor_position_b"].values[sensor]
     spread = np.sqrt(np.mean(np.diagonal(modelled["motion_covariance"].values[0], axis1=1, axis2=2)))
     sigma = {
         "linear": np.array(satellite["linear_noise_density"]) * band,
         "angular": np.array(satellite["angular_noise_density"]) * band,
-        "place": np.array(satellite["sensor_position_sigma"])[0],
+        "place": np.array(satellite["sensor_position_sigma"])[sensor],
         "gradient": float(np.sqrt(modelled["gradient_variance"].values.max())),
         "motion": max(spread / np.linalg.norm(place), 1e-13),
         "pressure": np.array(satellite["centre_of_pressure_sigma"]),

@@ -208,8 +208,11 @@ class GradientTorque(Observations):
         extended = self.record.copy(deep=True)
         for entry in model:
             catalogued = effect(entry.cause) if entry.listed else None
-            if catalogued and catalogued.channel in ("torque_b", "dipole_b"):
-                torque = added_to_channels(self.about, catalogued)["torque"] @ catalogued.values(entry.values)
+            if entry.form.startswith("torque, ") or (catalogued and catalogued.channel in ("torque_b", "dipole_b")):
+                if catalogued:
+                    torque = added_to_channels(self.about, catalogued)["torque"] @ catalogued.values(entry.values)
+                else:
+                    torque = added_by(entry, "torque", "torque, ", drivers(self.about))
                 extended["torque"] = extended.get("torque", 0.0) + xr.DataArray(torque, dims=("time", "axis"))
                 extended["torque"].attrs |= {"units": "N m", "frame": "b", "long_name": "of effects that are taken out"}
                 continue

@@ -120,7 +120,7 @@ class Readings(Observations):
 def _firings_moved(entry, step):
     """Entry with a step added to its shares of the nominal impulses, if its cause is the firings."""
     items = entry.parameters.items() if entry.cause == FIRINGS else ()
-    moved = {name: replace(parameter, value=parameter.value and parameter.value + step) for name, parameter in items}
+    moved = {n: replace(p, value=None if p.value is None else p.value + step) for n, p in items}
     return replace(entry, parameters=moved) if moved else entry
 
 
