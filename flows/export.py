@@ -66,7 +66,7 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
 
 
 def _told_once(node, written):
-    """Node of a tree whose products are written out where they are met first, then by key: a report has many paths."""
+    """Node of a provenance tree, in full where its product is met first, later by key; ``written``: keys so far."""
     key = node["record"]["key"] if node["record"] else None
     if key in written:
         return {"name": node["name"], "key": key, "record": None, "inputs": []}

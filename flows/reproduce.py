@@ -25,7 +25,7 @@ FIGURE = re.compile(r"<figure.*?</figure>", re.DOTALL)
 
 
 def papers():
-    """What is known of each paper, by the name of its calibration."""
+    """{calibration: table of papers.toml} of each source paper: title, DOI, days, settings, tables and figures."""
     return catalog.read("published", "papers")[1]
 
 
@@ -86,7 +86,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
 
 
 def _run(one, paper, run, folder, satellite, date, out=None):
-    """Document of a day as printed or corrected, its report in a folder if one is given."""
+    """Result document of one day by a run ("as_printed" or "corrected"); its report is copied into ``out`` if any."""
     settings = [f"{key}={value}" for key, value in paper["as_printed"].items()] if run == "as_printed" else []
     truth = out and out.parent / f"truth_{paper['days'][0]}.nc"
     settings += [f"truth={truth}"] if truth and truth.is_file() else []  # series of a simulated day
@@ -106,7 +106,7 @@ def _run(one, paper, run, folder, satellite, date, out=None):
 
 
 def invent(name, folder, dates, truth):
-    """Simulate the days of a paper into a folder, those of its tables into one each; the truth into a third one."""
+    """Simulate the days of a paper into ``folder`` and dates of its tables below ``dates``; truth into ``truth``."""
     paper, one = papers()[name], command.record(name)
     archive.check_own(folder)
     for seed, day in enumerate(paper["days"], 1):
@@ -116,7 +116,7 @@ def invent(name, folder, dates, truth):
 
 
 def _dates(one, paper):
-    """Satellite, date, seed and settings, printed values as truth, of each date of a table; not of its own days."""
+    """(letter, date, seed, settings with the printed values as truth) of each table date but the paper's days."""
     dates = {(paper["satellite"], day) for day in paper["days"]}
     for item in (item for item in paper["tables"] if "truth" in item):
         for seed, record in enumerate(catalog.published(one.name)[item["section"]], 101):
@@ -128,7 +128,7 @@ def _dates(one, paper):
 
 
 def _compared(one, item, documents):
-    """Item with its rows: each printed number beside those of both runs, where they have one."""
+    """Item (table of a paper) with "rows": {"row", "printed", "as_printed", "corrected"}, [value, sigma] each."""
     if "section" not in item:
         return item | {"rows": []}
     rows = []
@@ -152,7 +152,7 @@ def _compared(one, item, documents):
     return item | {"rows": rows} | none
 
 
-def _text(pair):
+def _text(pair):  # "value +- sigma" of [value, sigma]; "-" without a value
     value, sigma = pair
     if value is None:
         return "-"
@@ -160,12 +160,12 @@ def _text(pair):
     return text if sigma is None else f"{text} +- {sigma:.2g}"
 
 
-def _wrapped(text):
+def _wrapped(text):  # lines of 140 characters at most
     return textwrap.wrap(text, 140, break_on_hyphens=False)
 
 
 def _write(out, document):
-    """Tables as CSV, gallery as Markdown and as a page with the figures of both runs."""
+    """Write comparison.csv, and the tables and figures of both runs as gallery.md and index.html, into ``out``."""
     heads = ["item", "row", "unit", *(f"{n}{s}" for n in ("printed", *RUNS) for s in ("", "_sigma"))]
     every = (
         [item["name"], row["row"], item["unit"], *(x for n in ("printed", *RUNS) for x in row[n])]
@@ -189,7 +189,7 @@ def _write(out, document):
 
 
 def _drawn(out, document, item, run):
-    """Figures of a run as they stand in a page: of a section of its report, or of a table over the years."""
+    """[<figure> HTML] of a run: of the section of its report, or of the table over the years, that an item names."""
     if "series" in item:  # table over the years: printed values, those of a run, and the mass trims
         one, points = command.record(document["calibration"]), []
         letter = papers()[one.name]["satellite"]
@@ -207,7 +207,7 @@ def _drawn(out, document, item, run):
 
 
 def _pictures(out, name, item, drawn):
-    """Lines of Markdown with a section's first figure, or all, of each run or of both alike; writes the files."""
+    """Markdown lines of an item's first figure (or all) of each run, once if equal in both; writes the SVG files."""
     lines, alike = [], {}
     for run, figures in drawn.items():
         for number, one in enumerate(figures[: None if item.get("all") else 1], 1):

@@ -37,7 +37,7 @@ class Served:
 
 
 def serve(served, said):
-    """Serve the deployments until this process is told to end."""
+    """Serve the deployments of a `Served` until this process is ended; ``said`` prints a line."""
     server.set_environment()
     calibration = served.arguments["calibration"]
     from prefect.client.schemas.schedules import CronSchedule
@@ -80,7 +80,7 @@ def _alone(name):
 
 
 def _run(served, schedule, where, said):
-    """Register the deployments and wait for their runs, one at a time."""
+    """Register the deployments and run them one at a time; where: (server URL, True if the server is our child)."""
     from prefect.deployments.runner import EntrypointType
     from prefect.runner import Runner
 
@@ -115,7 +115,7 @@ def _run(served, schedule, where, said):
 
 
 async def _until_told(runner):
-    """Let a runner work until this process is told to end: the runner's own way leaves traces of errors."""
+    """Let a Prefect runner work until SIGTERM or SIGINT: the runner's own handling of signals prints tracebacks."""
     work, loop = asyncio.create_task(runner.start()), asyncio.get_running_loop()
     await asyncio.sleep(0)  # the runner sets its handler first
     for name in (signal.SIGTERM, signal.SIGINT):
@@ -126,7 +126,7 @@ async def _until_told(runner):
 
 @contextlib.contextmanager
 def reports(port=None):
-    """Addresses of the files of the store on this machine as "http://...{}...", as long as the block lasts."""
+    """Context with a server of the store's files: its URL template "http://.../{}?token=...", {}: path."""
     import uvicorn
     from starlette.applications import Starlette
     from starlette.routing import Mount
@@ -151,7 +151,7 @@ def reports(port=None):
 
 
 def watch(folder, every_s, ended, changed):
-    """Call a function each time the folder changed and was then the same for two looks: copying takes time."""
+    """Call ``changed()`` each time a folder has a new state, equal in two looks, until the Event ``ended`` is set."""
     known = last = None
     while not ended.wait(every_s):
         now = archive.state_of(folder)

@@ -39,7 +39,7 @@ class Step:
 
     event: str
     stage: str
-    action: str
+    action: str  #: "reuse", "run" or "may run"
     reasons: tuple[str, ...]
     ref: ProductRef
     key: str | None = None  #: of the product, None where an input is not there yet
@@ -79,7 +79,7 @@ def one_thread():
 
 
 def plan(body, source, chosen):
-    """Steps that a flow would do, in order, and ProductRef of the result, None where that needs what is not there."""
+    """([Step] of a flow in order, ProductRef of its result or None if that needs a missing product); makes nothing."""
     planner = Planner()
     with stage.using(planner):
         try:
@@ -121,9 +121,9 @@ def run(body, source, chosen, engine="prefect", listener=None):
 
 
 def attempt(part):
-    """What a part of a flow returns, or the GravcalError that it ends in; its stages run here, whatever the engine.
+    """Result of ``part()``, or the GravcalError that it raises; its stages run in this process, whatever the engine.
 
-    In a plan only what can be said without computing is one, such as a file that is missing.
+    In a plan only errors that need no computation are returned, such as a missing file.
     """
     computes = getattr(stage.current(), "computes", True)
     try:
@@ -174,7 +174,7 @@ def warn(message):
 
 
 def remake(entry):
-    """Product made anew, every stage compared with what the store holds."""
+    """Make a product (Entry) again in an empty store: {"product", "equal": bool, "stages": [dict of `_remade`]}."""
     stages = []
     single_threaded()
     with tempfile.TemporaryDirectory(prefix="gravcal-rebuild-") as folder:
@@ -185,7 +185,7 @@ def remake(entry):
 
 
 def _remade(key, original, stages, done):
-    """Product of a key made again from its record, once; a verdict on each goes to `stages`."""
+    """ProductRef remade once by the record in the store `original`; to `stages`: {"stage", "verdict", "why"}."""
     if key in done:
         return done[key]
     record = store.read_record(original / "objects" / key[:2] / key)
@@ -213,7 +213,7 @@ def _remade(key, original, stages, done):
 
 
 def _raw_file(part, label):
-    """Level-1 file of a record, with the content it had."""
+    """LevelOneFile of a recorded input (place; label in the recipe), refused if it is gone or its SHA-256 differs."""
     path = Path(part["path"])
     where = f"{path}:{part['member']}" if part["member"] else str(path)
     if not path.is_file():
@@ -229,7 +229,7 @@ def _raw_file(part, label):
 
 @contextlib.contextmanager
 def other_store(folder):
-    """Let everything inside use another store."""
+    """Context in which the store is another folder (str), by GRAVCAL_PRODUCTS."""
     before = dict(os.environ)
     os.environ["GRAVCAL_PRODUCTS"] = folder
     try:
@@ -267,7 +267,7 @@ class Submitter:
         return ref.future.result()
 
     def raise_first(self):
-        """Wait for all tasks; raise what went wrong first, in the order of the flow."""
+        """Wait for all tasks; raise the error of the first that failed, in the order of the flow."""
         for pending in self.pending:
             pending.future.wait()
         for pending in self.pending:
@@ -277,7 +277,7 @@ class Submitter:
 
 
 def _through_prefect(body, name, listener, steps):
-    """Result of a flow whose stages are Prefect tasks; Unavailable without a server."""
+    """ProductRef that ``body()`` returns, its stages Prefect tasks, after a plan of steps; Unavailable if no server."""
     engine = Submitter(listener)
 
     def stages():
@@ -299,7 +299,7 @@ def _through_prefect(body, name, listener, steps):
 
 
 def flow_on(url, body, name, count):
-    """What a function returns as a Prefect flow on a server that answers, once the server knows of all its tasks."""
+    """Result of ``body()`` run as a Prefect flow on the server at url, once that recorded ``count()`` ended tasks."""
     import prefect
     from prefect.context import get_run_context
     from prefect.settings import PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
