@@ -22,14 +22,14 @@ from gravcal.report.plain import NOT_DETERMINED, decimals, probability, signed
 from gravcal.store.results import units
 
 WORDS = pages.words(__file__, "discovery.toml", cause=words.title, units=units)
-WIDE = 3.0  # sigma of a result that contradicts nothing
+WIDE = 3.0  # errors within which a result agrees with the known value
 STYLES = WORDS.styles
 LINES, NOISE = STYLES["lines"], STYLES["noise"]
 SIDES = ("measured", "simulated", "extended")
-BINS = 24  # of a spectrum
-PHASES, STRETCHES = 40, 90  # bins of a period, and of a record
-SLOW = 0.02  # of the square of what a finding adds, below which it does not change within a period
-KEPT = 0.5  # of the square of what a finding adds that bins have to keep
+BINS = 24  # frequency bins of a spectrum
+PHASES, STRETCHES = 40, 90  # phase bins of a period, time bins of a record, at most
+SLOW = 0.02  # share of the variance of the effect added, below which it does not change within a period
+KEPT = 0.5  # share of the sum of squares of the effect added that its means over bins have to keep
 
 
 def report(
@@ -37,8 +37,8 @@ def report(
 ) -> tuple[xr.Dataset, dict[str, str]]:
     """Report product of a discovery with the probabilities of adequacy, and its files {name: text}.
 
-    There are the discovery and, if the calibration has such, its combined results before and after, and before with
-    what a given model adds; `reported` says what it tells of its result and readings. Records: digest of the recorded.
+    Datasets: the discovery and, if the calibration has such, its combined results before, after, and before with
+    correction and errors of the initial model; `reported` reads results of these. Records: digest of what it changes.
     """
     document, outcome = judged(
         search, *combined, calibration=calibration, event=event, settings=settings, reported=reported
@@ -65,10 +65,10 @@ def report(
 
 
 def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, settings: dict, reported) -> tuple:
-    """Result document of a discovery, judged and valid, and the outcome in it or None; arguments as of `report`.
+    """(result document of a discovery, judged and valid; its Outcome or None without); arguments as of `report`.
 
-    The change of the result is that which the calibration itself finds, where it does; where the result is known
-    beforehand it is compared, and its error may be wider than that.
+    The change of the result is that of the calibration itself where `combined` has it, else of the joint fit; checks
+    compare parameters whose true value is known: they agree within the larger of its limit and `WIDE` sigma.
     """
     outcome, body, checks = outcome_of(search), {}, []
     if outcome:
@@ -100,7 +100,7 @@ def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: s
 
 
 def sections(search: xr.Dataset, outcome: Outcome, reported: Reported) -> list[Section]:
-    """Sections of the page that hold something."""
+    """Sections of the page of a discovery."""
     here = [
         Figure(partial(reading, number=k), ("discovery",), caption(search, k, reported.readings))
         for k in range(len(outcome.findings)) or (-1,)  # of the least likely band
@@ -121,7 +121,7 @@ def sections(search: xr.Dataset, outcome: Outcome, reported: Reported) -> list[S
 
 
 def findings_table(findings: Sequence[NamedCause]) -> Table:
-    """Every finding with its parameters, its significance and what it gained on data left out."""
+    """Table of the findings: chi-square gained in sample and on held-out data, significance, parameters."""
     rows = []
     for one in findings:
         held = f"{one.heldout_gain.chi2:.0f} ({one.heldout})"
@@ -134,12 +134,12 @@ def findings_table(findings: Sequence[NamedCause]) -> Table:
 
 
 def parameter_rows(parameters: Iterable[tuple]) -> list[list]:
-    """Rows of the parameters (name, value, sigma, unit) of a cause that are determined, below its own."""
+    """Rows of the determined parameters (name, value, sigma, unit) of a cause, to follow the row of the cause."""
     return [[None, name, "", "", "", *plain.measured(*one)] for name, *one in parameters if one[0] is not None]
 
 
 def tied_table(findings: Sequence[NamedCause]) -> Table:
-    """Causes that this data cannot tell apart, and what would."""
+    """Table of causes that the data cannot separate: expected chi-square, best block, number of events needed."""
     rows = []
     for one in findings:
         for other in one.separation:
@@ -153,7 +153,7 @@ def tied_table(findings: Sequence[NamedCause]) -> Table:
 
 
 def gain_table(gain: Gain) -> Table:
-    """Residual of each channel and chi-square before and after."""
+    """Table of the rms of the whitened residual of each channel, chi-square and BIC before and after the findings."""
     rms = [(name, one, gain.rms_after[name]) for name, one in gain.rms_before.items() if one is not None]
     rows = [[name, f"{before:.3f}", f"{after:.3f}"] for name, before, after in rms]
     pair = f"{gain.chi2_before:.0f} / {gain.dof_before}", f"{gain.chi2_after:.0f} / {gain.dof_after}"
@@ -164,7 +164,7 @@ def gain_table(gain: Gain) -> Table:
 
 
 def unobservable_table(outcome: Outcome) -> Table:
-    """Causes that look like the calibration itself."""
+    """Table of the 12 causes that bias the calibration most and cannot be separated from its parameters."""
     rows, change = [], outcome.calibration_change
     about = list(zip(change.names, change.sigma_before, units(change.unit, change.names), strict=True))
     for one in sorted(outcome.indistinguishable_from_calibration, key=lambda r: -r.bias_in_sigma)[:12]:
@@ -183,7 +183,7 @@ def model_text(findings: Sequence[NamedCause], event: str, initial: str = "", re
     """Extended model as TOML, as `--model` reads it; empty if no cause has a parameter that is determined.
 
     It also holds the entries of the model that the search began with (initial, JSON text), and what the search adds to
-    the result of the calibration. Without findings it is the model of a run, with the result that it came with.
+    the result of the calibration (result). Without findings it is the model of a run, with its own "result".
     """
     effects = []
     for one in [*json.loads(initial or "[]"), *map(tables_of, findings)]:
@@ -205,7 +205,7 @@ def model_text(findings: Sequence[NamedCause], event: str, initial: str = "", re
 
 
 @WORDS.figure("discovery")
-def _power(search):
+def _power(search):  # Figure: power over noise of each channel by block and band, before and after; or None
     names = search.attrs["channels"].split()
     tested = [k for k in range(len(names)) if np.any(search["test_channel"].values == k)]
     if not tested:
@@ -229,13 +229,13 @@ def _power(search):
 
 
 def _wide(panel):
-    """Logarithmic power where it spans more than a page can show."""
+    """Set a logarithmic power axis where values exceed 30."""
     if panel.get_ylim()[1] > 30:
         panel.set_yscale("log")
 
 
 @WORDS.figure("discovery")
-def _spectra(search):
+def _spectra(search):  # Figure: whitened residual spectrum of each channel, before and after; None without
     names = search.attrs["channels"].split()
     curves = {name: one for k, name in enumerate(names) if (one := _spectrum(search, k)) is not None}
     if not curves:
@@ -254,10 +254,10 @@ def _spectra(search):
 
 
 def _spectrum(search, channel):
-    """Frequencies Hz, and mean power (2, n) before and after; None where the channel has too few rows."""
-    here = search["channel"].values == channel
-    pairs = [(b, axis) for b in np.unique(search["block"].values[here]) for axis in range(3)]
-    rows = [here & (search["block"].values == b) & (search["component"].values == axis) for b, axis in pairs]
+    """Frequencies (n,) Hz, and mean periodogram (2, n) of the whitened residual before and after; None if too short."""
+    of_channel = search["channel"].values == channel
+    pairs = [(b, axis) for b in np.unique(search["block"].values[of_channel]) for axis in range(3)]
+    rows = [of_channel & (search["block"].values == b) & (search["component"].values == axis) for b, axis in pairs]
     longest = max((r.sum() for r in rows), default=0)
     bins = next((n for n in (BINS, BINS // 2) if longest >= 4 * n), None)
     if bins is None:
@@ -265,13 +265,13 @@ def _spectrum(search, channel):
     rows = [r for r in rows if r.sum() >= 4 * bins]
     residual = np.stack([search[name].values for name in ("residual_before", "residual_after")])
     powers = [np.abs(np.fft.rfft(residual[:, used])[:, 1:]) ** 2 / used.sum() for used in rows]
-    means = [[part.mean(axis=1) for part in np.array_split(one, bins, axis=1)] for one in powers]
+    means = [[part.mean(axis=1) for part in np.array_split(periodogram, bins, axis=1)] for periodogram in powers]
     step = float(np.median(np.diff(search["time_row"].values[rows[-1]])))
     return (np.arange(bins) + 0.5) / (2 * step * bins), np.mean(means, axis=0).T
 
 
 def shown(search, number: int) -> tuple[Shown, np.ndarray, dict[str, np.ndarray]] | None:
-    """Place of a finding, epochs s from the first (n,), {side: (n,)} of its axis; None where it helps no reading."""
+    """(Shown of a finding, time (n,) s from its first, {side of `SIDES`: reading (n,)}); None where none is shown."""
     rows = (one for one in outcome_of(search).readings.shown if one.finding == number)
     one = next((one for one in rows if f"{one.channel}_measured" in search), None)  # not that of a plugin
     if one is None:
@@ -284,37 +284,37 @@ def shown(search, number: int) -> tuple[Shown, np.ndarray, dict[str, np.ndarray]
 
 
 def _kept(values, index):
-    """Share of the square of values that their means over bins (n,) keep."""
+    """Share (0 to 1) of the variance of values (n,) kept by their means over bins, index (n,) of the bin of each."""
     series = pd.Series(values - np.nanmean(values) if np.isfinite(values).any() else values).dropna()
-    kept = series.groupby(index[series.index]).transform("mean")
-    return float((kept**2).sum() / (series**2).sum()) if series.any() else 0.0
+    means = series.groupby(index[series.index]).transform("mean")
+    return float((means**2).sum() / (series**2).sum()) if series.any() else 0.0
 
 
 def fold(search, number: int) -> float | None:
-    """Period s over which what a finding adds to its reading repeats: its own, or one of the manoeuvre; or None."""
+    """Period s over which the effect of a finding on its reading repeats, fitted or of the manoeuvre, or None."""
     view, known = shown(search, number), outcome_of(search)
     if view is None or not 0 <= number < len(known.findings):
         return None
     _, time, curves = view
-    own = known.findings[number].parameters.get("frequency")
-    periods = [*([1 / own.value] if own and own.value else []), *known.readings.periods]
+    frequency = known.findings[number].parameters.get("frequency")
+    periods = [*([1 / frequency.value] if frequency and frequency.value else []), *known.readings.periods]
     added = curves["extended"] - curves["simulated"]
-    quick = {p: _quick(time, added, p) for p in periods if 3 * p < time[-1]}
-    share = {p: _kept(v, _bins(time, p)) for p, v in quick.items() if np.nanvar(v) > SLOW * np.nanvar(added)}
-    best = max(share, key=share.get, default=None)
-    return best if best is not None and share[best] > KEPT else None
+    fast = {p: _quick(time, added, p) for p in periods if 3 * p < time[-1]}
+    kept = {p: _kept(v, _bins(time, p)) for p, v in fast.items() if np.nanvar(v) > SLOW * np.nanvar(added)}
+    best = max(kept, key=kept.get, default=None)
+    return best if best is not None and kept[best] > KEPT else None
 
 
 def _quick(time, values, period):
-    """Values (n,) less their mean over a period about each sample, NaN where that is not whole."""
+    """High-passed values (n,): less their running mean over a period s, NaN where the window is not complete."""
     width = max(1, round(period / float(np.median(np.diff(time)))))
-    left = values - pd.Series(values).rolling(width, center=True, min_periods=1).mean().to_numpy()
-    left[: width // 2] = left[values.size - width // 2 :] = np.nan
-    return left
+    fast = values - pd.Series(values).rolling(width, center=True, min_periods=1).mean().to_numpy()
+    fast[: width // 2] = fast[values.size - width // 2 :] = np.nan
+    return fast
 
 
 def _bins(time, period):
-    """Bin (n,) of each epoch in a period: as many bins as have a sample each."""
+    """Phase bin (n,) of each epoch s in a period s; the most bins, up to `PHASES`, that all have a sample."""
     for count in range(PHASES, 1, -1):
         index = np.minimum((time % period * (count / period)).astype(int), count - 1)
         if np.unique(index).size == count:
@@ -323,7 +323,7 @@ def _bins(time, period):
 
 
 def reading(search, number: int):
-    """Reading that a finding, -1 where none was named, helps most, and what is left of it by either model."""
+    """Figure of the reading that a finding (-1: least likely band) explains most, and its residual by both models."""
     view, period = shown(search, number), fold(search, number)
     if view is None:
         return None
@@ -357,7 +357,7 @@ def reading(search, number: int):
 
 
 def _places(time, added, period):
-    """Abscissae (m,) s of bins, and the bin (n,) of each sample: of a period, of the record, or every sample alone."""
+    """Abscissae (m,) s of bins, and bin (n,) of each sample: phases of a period, parts of the record, or samples."""
     if period is not None:
         count = max(index := _bins(time, period)) + 1
         return (np.arange(count) + 0.5) * period / count, index
@@ -368,7 +368,7 @@ def _places(time, added, period):
 
 
 def caption(search, number: int, readings_of: Mapping[str, str]) -> str:
-    """Caption of the figure of a finding; `readings_of` says {channel: text} what the readings are."""
+    """Caption of the figure of a finding, "" if none is shown; `readings_of` {channel: sentence on its readings}."""
     view, period = shown(search, number), fold(search, number)
     if view is None:
         return ""

@@ -15,7 +15,7 @@ OPERATIONAL = "operational"
 
 
 def delivered(calibration, body: Mapping, products: Mapping, checks: Sequence, *, event, settings) -> dict:
-    """Result document, `judged` and valid, of what was found: "status", "verdict" and the entries of its schema.
+    """Result document, `judged` and valid, from its body: "status", "verdict" and the other entries of its schema.
 
     Products are {stage or "stage.variant": Dataset or None}. A discovery, of some "kind", has its settings in the
     provenance; its own digests go before those of the products.
@@ -31,7 +31,7 @@ def delivered(calibration, body: Mapping, products: Mapping, checks: Sequence, *
 
 
 def text(document: Mapping) -> str:
-    """A document as the text of a file."""
+    """JSON text of a document, with a line end."""
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
@@ -58,5 +58,5 @@ def settings_of(document: Mapping) -> Mapping:
 
 
 def said(check: checking.Check) -> str:
-    """A failed check in words: what was found and its limit."""
+    """Text "name value, limit value unit" of a failed check."""
     return f"{check.name} {check.value:.3g}, limit {check.limit:.3g} {check.unit if check.unit != '1' else ''}".rstrip()

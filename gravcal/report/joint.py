@@ -1,4 +1,4 @@
-"""What a search over many events delivers: document, page, the model of the satellite, and what a new event changed."""
+"""Report of a search over many events: document, page, model of the satellite, and changes since the last search."""
 
 import datetime
 import itertools
@@ -19,12 +19,12 @@ from gravcal.report.pages import Section
 from gravcal.report.plain import EPOCH, as_plain, number, plus_minus, probability, quantity, signed
 from gravcal.store import product
 
-AHEAD_S, STEP_S = 0.5 * YEAR_S, YEAR_S / 12
-CHANGED = 3.0  # errors of a change from which it is worth a note
+AHEAD_S, STEP_S = 0.5 * YEAR_S, YEAR_S / 12  # span of the prediction after the last event, and its step
+CHANGED = 3.0  # sigma of a change from which it is noted
 
 
 def _scope(scope):
-    """Scope of a law in words."""
+    """Scope of a law ("constant", "each", name of a quantity ...) in words."""
     return WORDS.notes["scopes"].get(scope, f"follows {scope}")
 
 
@@ -32,7 +32,7 @@ WORDS = pages.words(__file__, "joint.toml", cause=words.title, scope=_scope)
 
 
 def report(search, products, *, history, settings, calibration, event, satellite):
-    """Product with the calibration's values in each event, and its files: document, page and model of the satellite.
+    """(Dataset with the calibration's values in each event, {file: text} of document, page and model of the satellite).
 
     `products` are {event: evidence}, `history` {"trims": [{"date", "axis", "size", "confirmed"}], "printed": [{"time",
     "parameter", "value", "sigma"}]}, `settings` the configuration and the events left out with the reason.
@@ -91,22 +91,22 @@ def report(search, products, *, history, settings, calibration, event, satellite
 
 
 def seconds(day: str) -> float:
-    """GPS s of a day."""
+    """GPS s of the begin of a day YYYY-MM-DD."""
     return (datetime.datetime.fromisoformat(day) - EPOCH).total_seconds()
 
 
 def date(time: float) -> datetime.datetime:
-    """Calendar form of GPS s."""
+    """Calendar date and time of GPS s."""
     return EPOCH + datetime.timedelta(seconds=float(time))
 
 
 def day(time: float) -> str:
-    """Day of GPS s."""
+    """Day YYYY-MM-DD of GPS s."""
     return date(time).date().isoformat()
 
 
 def _cause(search, one) -> dict:
-    """A cause with its law, values, ties, and values in each event by itself; whether these repeat, by chi-square."""
+    """Document entry of a `joint.Named`: law, values, ties, values by event, and chi-square that these are equal."""
     cause = search.causes[one.law.cause]
     of_event, chi2, dof = one.apart
 
@@ -144,7 +144,7 @@ def _cause(search, one) -> dict:
 
 
 def _motion(one: Moving, trims, name, fuel):
-    """Slope per year, steps, change with fuel (null where it follows none) and size of the walk of a parameter."""
+    """Document entry of a parameter's motion: slope per year, steps, dependence on fuel (or null), random walk."""
     terms, first = [{"value": v, "sigma": s} for v, s in np.transpose(one.terms()).tolist()], 2 + len(one.steps)
     printed, steps = {seconds(t["date"]): t["size"] for t in trims if t["axis"] == name}, []
     for at, term in zip(one.steps, terms[2:first], strict=True):
@@ -155,7 +155,7 @@ def _motion(one: Moving, trims, name, fuel):
 
 
 def predicted(moves, times, common=None) -> list[dict]:
-    """Value and error of each parameter at times, one row each; `common` (p,) is an error that all events share."""
+    """[{"date", "value", "sigma"}] of p parameters at times, GPS s; `common` (p,) is an error that all events share."""
     if not moves:
         return []
     value, sigma = np.transpose([one.predicted(np.asarray(times)) for one in moves.values()], (1, 2, 0))
@@ -166,20 +166,20 @@ def predicted(moves, times, common=None) -> list[dict]:
 
 
 def model_text(document, search, result) -> str:
-    """Model of the satellite as TOML: effects with the days that they hold for, as `--model` reads them; motion."""
-    effects, place = [], 0
-    for one, said in zip(result.named, document["causes"], strict=True):
+    """TOML of the model of a satellite: effects with the days for which they hold, as `--model` reads them; motion."""
+    effects, first = [], 0
+    for one, entry in zip(result.named, document["causes"], strict=True):
         many, count = one.value.shape if one.value.size else (0, 0)
         names, units = search.causes[one.law.cause].names, search.causes[one.law.cause].units
-        covariance = result.covariance[place : place + many * count, place : place + many * count]
-        place += many * count
+        covariance = result.covariance[first : first + many * count, first : first + many * count]
+        first += many * count
         for begin, end, weights in _spans(search, one.law):
-            turn = np.kron(weights, np.eye(count))
-            spread = turn @ covariance @ turn.T
+            weighting = np.kron(weights, np.eye(count))
+            spread = weighting @ covariance @ weighting.T
             sigma = np.sqrt(np.diag(spread))
-            effect = {name: said[name] for name in ("cause", "form", "scope", "tied_with")}
+            effect = {name: entry[name] for name in ("cause", "form", "scope", "tied_with")}
             effect |= {"from": begin or None, "to": end or None, "parameters": {}}
-            for k, (name, v) in enumerate(zip(names, turn @ one.value.ravel(), strict=True)):
+            for k, (name, v) in enumerate(zip(names, weighting @ one.value.ravel(), strict=True)):
                 others = {names[j]: round(float(spread[k, j] / sigma[k] / sigma[j]), 6) for j in range(count) if j != k}
                 row = {"value": float(v), "sigma": float(sigma[k]), "unit": units[k], "correlation": others}
                 effect["parameters"][name] = row
@@ -193,7 +193,7 @@ def model_text(document, search, result) -> str:
 
 
 def _spans(search, law):
-    """First day, day after the last ("" if open) and weights (1, k) of each stretch of equal values; of "each" none."""
+    """[(first day, day after last, "" if open; weights (1, k))] of spans of equal values of a Law, [] for "each"."""
     weights, days = law.weights, [day(one.time) for one in search.events]
     if law.scope not in ("constant", "epochs", "event"):  # it follows what was measured: event by event
         after = [str(datetime.date.fromisoformat(d) + datetime.timedelta(1)) for d in days]
@@ -205,7 +205,7 @@ def _spans(search, law):
 
 
 def changes(before: dict, after: dict) -> list[str]:
-    """What a new event changed beyond its error, one line each; none where there was nothing before."""
+    """Lines on changes beyond their error from one joint document to the next; [] where the first is empty."""
     if not before:
         return []
     lines, unit = [], after["unit"]
@@ -267,7 +267,7 @@ def _values(document):
 
 
 def page(document, moves, history) -> str:
-    """Page of a joint search; without moves (of the calibration from event to event) there is no section of them."""
+    """HTML page of a joint search; moves {parameter: Moving}, no section of them if empty; history as of `report`."""
     drawn = replace(_motion_figure, arguments=(document, moves, history))
     ties = [{"named": one["cause"]} | tie for one in document["causes"] for tie in one["separation"]]
     shared_by, apart = [], []
@@ -295,7 +295,7 @@ def page(document, moves, history) -> str:
 
 
 @WORDS.figure()
-def _motion_figure(document, moves, history):
+def _motion_figure(document, moves, history):  # Figure: values of events, prediction, printed values, steps
     events, printed = document["events"], history["printed"]
     known = [one["time"] for one in (*events, *printed)]
     times = np.linspace(min(known), max([events[-1]["time"] + AHEAD_S, *known]), 400)
@@ -315,7 +315,7 @@ def _motion_figure(document, moves, history):
     return drawn
 
 
-def _event_table(document):
+def _event_table(document):  # Table: values of each event, jointly and alone, and left-out residual over sigma
     rows = []
     for one in document["events"]:
         pairs = zip(one["value"], one["sigma"], one["alone"], one["sigma_alone"], strict=True)
@@ -326,7 +326,7 @@ def _event_table(document):
     return WORDS.table("events", rows, heads=heads, unit=document["unit"])
 
 
-def _motion_table(document):
+def _motion_table(document):  # Table: slope, random walk, steps and dependence on fuel of each parameter
     rows = []
     for name, one in document["motion"].items():
         slope, walk = one["slope_per_year"], one["walk_per_root_year"]

@@ -58,7 +58,7 @@ class Figure:
 
 
 def figure(*reads: str, caption: str) -> Callable[[Callable], Figure]:
-    """Decorator: a function that draws, as the `Figure` of the products that it reads."""
+    """Decorator: function (*Datasets of ``reads``) -> matplotlib Figure or None, as a `Figure`."""
     return lambda draw: Figure(draw, reads, caption)
 
 
@@ -118,11 +118,11 @@ class Words:
         return declared
 
     def note(self, name: str, /, **values) -> str:
-        """Text of this name."""
+        """Text of this name, rendered with these values."""
         return self.forms.from_string(self.notes[name]).render(values)
 
     def said(self, name: str, /, **values) -> list[str]:
-        """Texts in the list of this name, without those that say nothing of these values."""
+        """Texts in the list of this name, rendered with these values, without empty ones."""
         return [text for text in (self.forms.from_string(text).render(values) for text in self.notes[name]) if text]
 
 
@@ -135,7 +135,7 @@ def _records(content):
 
 
 def words(module: str, name: str, **forms: Callable) -> Words:
-    """Words of a page, from the file of that name beside a module; forms are filters beside those of `plain`."""
+    """Words of a page from the TOML file ``name`` next to a module file; forms are Jinja filters added to `plain`."""
     content = tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8"))
     content["styles"] = _coloured(content.get("styles", {}))
     known = jinja2.Environment(undefined=jinja2.StrictUndefined)
@@ -162,7 +162,7 @@ class Section:
 
 
 def report(calibration, body, products, checks, sections, *, event, settings, **about) -> tuple[dict, dict[str, str]]:
-    """Result document of what was found, judged, and files of a report {name: text}; see `documents.delivered`.
+    """(result document, judged; {"result.json", "report.html": text}); see `documents.delivered`.
 
     Sections are a function of the judged document; about is what else `page` takes.
     """
@@ -208,7 +208,7 @@ def page(
 
 
 def _shown(section, document, products, numbers):
-    """Section as the template takes it; figures are drawn, and numbered if there is something to draw."""
+    """Section as a dict for the template; figures are drawn, and numbered by ``numbers`` (iterator) if not empty."""
     figures = []
     for one in section.figures:
         inputs = arguments(one, products)
@@ -225,26 +225,26 @@ MOODS = {True: "good", False: "bad", None: ""}
 
 
 def arguments(one: Figure, products: Mapping) -> list:
-    """What a figure draws: the products that it reads, None for one that is missing, unless it says what else."""
+    """Arguments of ``one.draw``: ``one.arguments``, or the Datasets that it reads, None for a missing one."""
     inputs = [] if one.arguments is None else list(one.arguments)
     for name in one.reads if one.arguments is None else ():
-        start, known = name.removesuffix("*"), {key: made for key, made in products.items() if made is not None}
-        variants = {key.removeprefix(start): made for key, made in known.items() if key.startswith(start)}
-        inputs.append(known.get(name) if start == name else variants)
+        prefix, known = name.removesuffix("*"), {key: data for key, data in products.items() if data is not None}
+        variants = {key.removeprefix(prefix): data for key, data in known.items() if key.startswith(prefix)}
+        inputs.append(known.get(name) if prefix == name else variants)
     return inputs
 
 
 def _source(document, reads):
-    """Products with the digests that the provenance lists."""
+    """Text "product digest, ..." of the products read, digests from the provenance."""
     digests, names = document["provenance"].get("products", {}), []
     for name in (f"{document['calibration']}.{name}" for name in reads):
-        start = name.removesuffix("*")
-        names += [name] if start == name else [key for key in digests if key.startswith(start)]
+        prefix = name.removesuffix("*")
+        names += [name] if prefix == name else [key for key in digests if key.startswith(prefix)]
     return ", ".join(f"{name} {digests.get(name, '')[:12]}".rstrip() for name in names)
 
 
 def true_units(text: str) -> str:
-    """Text of the terminal with the signs that a page can show."""
+    """Terminal text with typographic signs: ±, µ, −, superscripts."""
     signs = {"+-": "±", " um": " µm", " urad": " µrad", " -": " −", "m/s2": "m/s²", "m s-2": "m s⁻²"}
     for typed, sign in signs.items():
         text = text.replace(typed, sign)
@@ -252,7 +252,7 @@ def true_units(text: str) -> str:
 
 
 def flat(values: Mapping, before: str = "") -> list[tuple[str, str]]:
-    """Names and texts of nested settings or provenance; long ones shortened."""
+    """[(name, text)] of nested settings or provenance, sorted; texts of 60 characters or more shortened."""
     rows = []
     for name, value in sorted(values.items()):
         if isinstance(value, dict):
@@ -264,7 +264,7 @@ def flat(values: Mapping, before: str = "") -> list[tuple[str, str]]:
 
 
 def render(template: str, **content) -> str:
-    """Text of a template of this package; beside an event that was not measured printed values are marked."""
+    """HTML of a template of this package; captions note if printed values stand next to data not measured."""
     origin = content.get("document", {}).get("origin", "measured")
     if origin != "measured":
         content["sections"] = [_marked(section, origin) for section in content["sections"]]
@@ -273,7 +273,7 @@ def render(template: str, **content) -> str:
 
 
 def _marked(section, origin):
-    """Section whose tables and figures with printed values say that these are of other data."""
+    """Section (dict); captions of tables and figures with "printed" say that printed values are of measured data."""
     mark = f" What is printed belongs to measured data, this event is {origin}."
 
     def marked(one):
@@ -285,6 +285,6 @@ def _marked(section, origin):
 
 @lru_cache(maxsize=2)
 def environment(package: str, folder: str) -> jinja2.Environment:
-    """Templates in a folder of a package, which escape what they are given and refuse what they are not."""
+    """Jinja environment of the templates in a folder of a package: escapes values, raises for undefined names."""
     how = {"autoescape": True, "undefined": jinja2.StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
     return jinja2.Environment(loader=jinja2.PackageLoader(package, folder), **how)
