@@ -1,4 +1,4 @@
-"""One function for each page: asks the store, fills a template. Names from the address are looked up, never joined."""
+"""One function for each page: request to response. Names in a URL are looked up in the store, never joined to paths."""
 
 import graphlib
 import re
@@ -66,13 +66,13 @@ def event(request):
 
 
 def _settings(settings):
-    """Names of the settings of a product that a user can choose, also of those handed on as a table."""
+    """Names of the settings of a product's recipe, also of those in a nested table "settings"."""
     for name, value in settings.items():
         yield from _settings(value) if isinstance(value, dict) and name == "settings" else [name]
 
 
 def _earlier(request, rows):
-    """Other results of an event, with what each value was and by how much this one differs, and why."""
+    """[(Entry, lines of `comparison.moved`, reasons)] of other results of an event, compared with its rows."""
     earlier = []
     for row in (row for row in rows if _delivered(row["document"])):
         calibration = request.app.state.calibrations.get(row["calibration"])
@@ -86,7 +86,7 @@ def _earlier(request, rows):
 
 
 def _delivered(document):
-    """Whether a document, or None, holds a result."""
+    """True if a document (None: none) has a status with a result."""
     return (document or {}).get("status") in WITH_RESULT
 
 
@@ -126,7 +126,7 @@ def results(request):
 
 
 def _csv(text, name):
-    """Answer with a table to be kept."""
+    """Response with CSV text, to be saved as name.csv."""
     disposition = {"Content-Disposition": f'attachment; filename="{name}.csv"'}
     return PlainTextResponse(text, media_type="text/csv", headers=disposition)
 
@@ -174,7 +174,7 @@ def samples(request):
 
 
 def _ends(request):
-    """Places of the axis between which data are asked for, None for each that is not given as a number."""
+    """[from, to] of the query, coordinates of the axis as drawn; None for each that is no number."""
     texts = (request.query_params.get(name, "") for name in ("from", "to"))
     return [float(text) if re.fullmatch(r"[-+]?\d+(\.\d*)?(e[-+]?\d+)?", text) else None for text in texts]
 
@@ -206,35 +206,35 @@ def missing(_, error):
 
 
 def _there(target):
-    """What was looked up; the answer is "not found" where that is nothing."""
+    """The target itself; HTTP 404 where it is None or empty."""
     if not target:
         raise HTTPException(404)
     return target
 
 
 def _calibration(request):
-    """Record of the calibration in the address."""
+    """Calibration in the path of the request; HTTP 404 if unknown."""
     return _there(request.app.state.calibrations.get(request.path_params["calibration"]))
 
 
 def _event(request):
-    """Names of the event and of the configuration in the address."""
+    """(event, configuration) in the request, by default "operational"."""
     return request.path_params["event"], request.query_params.get("as", location.OPERATIONAL)
 
 
 def _wish(request, variable):
-    """What the address asks to be drawn."""
-    asked = request.query_params
-    columns = tuple(int(text) for text in asked.getlist("column") if text.isascii() and text.isdigit())
-    view = asked.get("view", "overlay")
+    """`plots.Wish` of a variable (name) from the query of a request; invalid entries are ignored."""
+    query = request.query_params
+    columns = tuple(int(text) for text in query.getlist("column") if text.isascii() and text.isdigit())
+    view = query.get("view", "overlay")
     view = view if view in plots.VIEWS else "overlay"
-    other = asked.get("with", "") if store_index.entry(asked.get("with", "")) else ""
+    other = query.get("with", "") if store_index.entry(query.get("with", "")) else ""
     key = request.path_params["key"]
-    return plots.Wish(key, variable, columns, other, view, asked.get("start") == "1", asked.get("even") == "1")
+    return plots.Wish(key, variable, columns, other, view, query.get("start") == "1", query.get("even") == "1")
 
 
 def _shown(held, name):
-    """Variable that the page shows: the one asked for, else the first of those that vary along time."""
+    """Variable of {name: Variable} to show: that of the name, else the first plottable, along time if any; or None."""
     plain = [one for one in held.values() if one.plottable and one.name not in one.dims]
     timed = [one for one in plain if one.dims[one.axis].startswith("time")]
     best = [one for one in timed if one.dtype.startswith("float") and one.units != "1"]
@@ -242,7 +242,7 @@ def _shown(held, name):
 
 
 def _filled(template, request, status=200, **content):
-    """Page of a template."""
+    """HTML response of a template, with entries that all pages use."""
     known = {
         "names": {name: one.title for name, one in request.app.state.calibrations.items()},
         "store": str(location.folder()),
@@ -254,7 +254,7 @@ def _filled(template, request, status=200, **content):
 
 
 def _signed(text):
-    """Text with true signs before its numbers, but in powers of ten."""
+    """Text with true minus signs before numbers (not exponents), ± and µ."""
     return re.sub(r"(?<![\w.])-(?=\d)", "−", text.replace("+-", "±").replace(" um", " µm"))
 
 
@@ -273,7 +273,7 @@ TEMPLATES.filters |= {
 
 
 def placed(nodes):
-    """Picture of a chain, stages right of their inputs: "width", "height", "boxes" (x, y, node), "lines" as paths."""
+    """Layout of [Node], px, stages right of their inputs: "width", "height", "boxes" (x, y, Node), "lines" (SVG)."""
     known = {node.key or node.stage: node for node in nodes}
     inputs = {name: [key for key in node.inputs if key in known] for name, node in known.items()}
     depths, columns, places, lines = {}, {}, {}, []

@@ -70,7 +70,7 @@ class Trace:
 
 
 def chosen(variable, columns=()):
-    """Numbers of the series that are drawn: those wished, else the first ones."""
+    """Indices (at most DRAWN) of the series of a Variable to draw: of columns those that exist, else the first ones."""
     wished = tuple(number for number in columns if 0 <= number < len(variable.columns))
     if wished:
         return wished[:DRAWN]
@@ -79,7 +79,7 @@ def chosen(variable, columns=()):
 
 
 def figure(wish: Wish) -> dict:
-    """Figure with its data, as Bokeh's embed_item takes it, and "said": what stands behind the picture."""
+    """Figure with its data, JSON for Bokeh's embed_item, and "said": text on samples, gaps or method."""
     traces, kind, along, unit = _traces(wish)
     if wish.view == "spectrum":
         seconds = kind == "time" or along.endswith("(s)")
@@ -113,7 +113,7 @@ def figure(wish: Wish) -> dict:
 
 
 def data(wish: Wish, start: float, stop: float) -> dict[str, dict[str, str]]:
-    """Data of the lines of a figure between two places of its axis: little-endian doubles as base64, by name."""
+    """{"line-k": {"x", "y"}} of a figure between two coordinates as drawn: little-endian doubles as base64."""
     traces, kind, _, _ = _traces(wish)
     bounds = [(_undrawn(start, kind) - one.shift, _undrawn(stop, kind) - one.shift) for one in traces]
     views = [series.view(one.whole, *bound) for one, bound in zip(traces, bounds, strict=True)]
@@ -137,8 +137,8 @@ def table(wish: Wish, start=None, stop=None) -> str:
     heads = ("series", *(("GPS time (s)", "calendar (GPS)") if kind == "time" else (along,)), unit)
     heads += (f"{wish.variable}, calendar (GPS)",) * timed
     for one in traces:
-        ends = [None if place is None else _undrawn(place, kind) - one.shift for place in (start, stop)]
-        x, y = series.samples(one.whole, *ends, most=MANY // 4)
+        bounds = [None if place is None else _undrawn(place, kind) - one.shift for place in (start, stop)]
+        x, y = series.samples(one.whole, *bounds, most=MANY // 4)
         stamps = [(t, gps_text(t, 3)) if kind == "time" else (t,) for t in (x + one.shift).tolist()]
         values = [(t, gps_text(t, 3) if np.isfinite(t) else "") if timed else (t,) for t in y.tolist()]
         rows += [(one.label, *stamp, *value) for stamp, value in zip(stamps, values, strict=True)]
@@ -146,7 +146,7 @@ def table(wish: Wish, start=None, stop=None) -> str:
 
 
 def _traces(wish):
-    """Lines of a figure; kind and label of the axis along; unit."""
+    """([Trace], kind of the x axis ("time", "value", "index"), its label, "variable (unit)") of a figure."""
     wish = replace(wish, without_gaps=False) if wish.view == "spectrum" else wish
     own, variable = _asked(wish.key, wish.variable)
     coordinate, kind, label = _along(own, variable, wish)
@@ -168,7 +168,7 @@ def _traces(wish):
 
 
 def _asked(key, name):
-    """Path of a product and its variable."""
+    """(path, Variable) of a product (key) and variable (name); `Missing` if it cannot be plotted."""
     entry = store_index.entry(key)
     variable = series.listed(entry.ref.path).get(name) if entry else None
     if variable is None or not variable.plottable:
@@ -177,14 +177,14 @@ def _asked(key, name):
 
 
 def _along(path, variable, wish):
-    """Name of the coordinate that a figure runs along, its kind and its label."""
+    """(name of the coordinate of the x axis, "" for sample numbers; its kind; its label)."""
     if wish.without_gaps:
         return "", "index", f"{variable.dims[variable.axis]} (number of the sample, gaps left out)"
     return series.coordinate(path, variable)
 
 
 def _trace(path, variable, number, product, wish):
-    """One line of one product."""
+    """Trace of series ``number`` of a variable; product: 0, or 1 for the second one of a Wish."""
     coordinate, _, _ = _along(path, variable, wish)
     whole = series.series(path, variable.name, number, coordinate)
     name, origin = variable.columns[number] or variable.name, store_index.origin(path)
@@ -195,7 +195,7 @@ def _trace(path, variable, number, product, wish):
 
 
 def _empty(kind, along, values="value"):
-    """Figure without lines; a cross-hair shows values."""
+    """Bokeh figure without lines; kinds of its x and y axis; hovering shows values."""
     axes = {"time": {"x_axis_type": "datetime"}, "log": {"x_axis_type": "log", "y_axis_type": "log"}}.get(kind, {})
     ranges = {} if kind == "log" else {"x_range": Range1d()}
     axes |= {"y_axis_type": "datetime"} if values == "time" else {}
@@ -209,17 +209,17 @@ def _empty(kind, along, values="value"):
 
 
 def _drawn(x, kind):
-    """Coordinate as the axis draws it: milliseconds for time."""
+    """Coordinate as drawn: GPS s become ms past 1970-01-01 for kind "time", others stay."""
     return (x + series.UNIX_OF_EPOCH_S) * 1e3 if kind == "time" else x
 
 
 def _undrawn(x, kind):
-    """Coordinate of a place on the axis."""
+    """Coordinate from a position on the axis, inverse of `_drawn`."""
     return x / 1e3 - series.UNIX_OF_EPOCH_S if kind == "time" else x
 
 
 def over_years(calibration, satellite: str) -> dict | None:
-    """Panels over time of one satellite, as Bokeh's embed_item takes them; None where there is no result."""
+    """Panels over time of the results of one satellite, JSON for Bokeh's embed_item; None without results."""
     own = [point for point in timeline.points(calibration) if point.satellite == satellite]
     if not own:
         return None
