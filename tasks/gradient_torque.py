@@ -47,25 +47,25 @@ def torque(modelled, observed, stored, **settings):
 
 @stage(reads=["gradient_torque.gradient"], writes="gradient_torque.drag", version=4)
 def drag(modelled, *, variant, **settings):
-    """Drag by one method."""
+    """Drag by one method (variant): two_sensor, one_sensor_published, one_sensor."""
     return estimate.drag(modelled, variant=variant, **settings)
 
 
 @stage(reads=["gradient_torque.drag"], writes="gradient_torque.drag", version=2)
 def drag_model_error(solution, *moved, added):
-    """Drag with the errors of an extended model."""
+    """Drag with the errors of an extended model; moved: results of its moved models, added: JSON."""
     return estimate.with_model_error(solution, *moved, added=added)
 
 
 @stage(reads=[GRADIENT, f"{DRAG}|gradient_torque.truth"], writes="gradient_torque.combine", version=1)
 def combine(*products, **settings):
-    """All methods compared, and what can be told apart."""
+    """Comparison of the drag by all methods, and identifiability of the parameters."""
     return estimate.combine(*products, **settings)
 
 
 @stage(reads=["gradient_torque.gradient", "ingest"], writes="gradient_torque.checks", version=1)
 def checks(modelled, observed, **settings):
-    """Readings, attitude and orbit of a day against each other."""
+    """Consistency checks of readings, attitude and orbit of a day."""
     return checks_science.inputs(modelled, observed, **settings)
 
 

@@ -36,7 +36,7 @@ def scale(aligned, **settings):
 
 @stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=5)
 def offset(aligned, scaled, **settings):
-    """Centre of mass to test mass."""
+    """Offset vector from centre of mass to test mass."""
     return estimating.offset(aligned, scaled, **settings)
 
 
@@ -57,13 +57,13 @@ def bias(segmented, *swing, **settings):
 
 @stage(reads=["inertial_sensor.*"], writes="{kind}", version=3)
 def model_error(solved, *moved, kind):
-    """Scale factors, offset or bias with the errors of an extended model."""
+    """Scale factors, offset or bias with the errors of an extended model; moved: results of its moved models."""
     return biases.with_model_error(solved, *moved, kind=kind)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.checks", version=1)
 def checks(detected, *observed, **settings):
-    """Voltages, attitude and orbit of the manoeuvres against each other."""
+    """Consistency checks of voltages, attitude and orbit of the manoeuvres."""
     return checks_science.inputs(detected, files.loaders(observed), **settings)
 
 

@@ -28,7 +28,7 @@ def estimate(rows, **settings):
 
 @stage(reads=["kbr_phase_centre.checks", "ranging.estimate"], writes="ranging.checks", version=1)
 def checks(pair, estimated, **settings):
-    """What orbits, attitudes and ranging must satisfy against each other, and the blocks."""
+    """Consistency checks of orbits, attitudes and ranging, and of the estimates of blocks."""
     return model.check(pair, estimated, **settings)
 
 

@@ -17,19 +17,19 @@ KINDS = product.registered("routine", **schemas.of("routine.toml"))
 
 @stage(reads=["ingest"], writes="routine.align", version=1)
 def align(*observed, **settings):
-    """Readings of the accelerometer over steps, with torquers and firings beside them."""
+    """Accelerometer readings averaged over time steps, with torquer dipoles and thruster firings."""
     return science.align(*observed, **settings)
 
 
 @stage(reads=["routine.align"], writes="routine.estimate", version=3)
 def estimate(aligned, **settings):
-    """What firings, torquers and turns make of the readings."""
+    """Response of the accelerometer to firings, torquers and rotation."""
     return science.estimate(aligned, **settings)
 
 
 @stage(reads=["routine.estimate"], writes="routine.checks", version=3)
 def checks(estimated, **settings):
-    """Parts of the result."""
+    """Checks of the estimates of parts of the day."""
     return science.check(estimated, **settings)
 
 
