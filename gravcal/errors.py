@@ -34,9 +34,9 @@ class EstimationError(GravcalError):
 
 
 def refuse(where, found, expected, remedy, error=ProductError, **facts) -> NoReturn:
-    """Raise an error that says where, what was found against what was expected, and what to do; all are its facts.
+    """Raise an error of that class: "where: found ...; expected .... remedy"; these texts and ``facts`` are its facts.
 
-    Where is the file, with the line or record number where there is one; more facts are for tables of failures.
+    ``where`` is the file, with the line or record number where there is one; facts are for tables of failures.
     """
     message = f"{where}: found {found}; expected {expected}. {remedy}"
     raise error(message, where=str(where), found=str(found), expected=str(expected), remedy=remedy, **facts)
