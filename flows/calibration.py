@@ -1,4 +1,4 @@
-"""What a calibration is: one record beside its flow, found by the entry point group `gravcal.calibrations`.
+"""The record `Calibration` of a calibration, next to its flow, found by the entry point group `gravcal.calibrations`.
 
 A package adds a calibration by an entry point of this group, `name = "module:CALIBRATION"`. Command line, catalogue,
 plan, campaign, series, browser and reports read the record; nothing else names a calibration. See
@@ -157,7 +157,7 @@ class Calibration:
     discovery: Discovery | None = None
 
     def __post_init__(self):
-        """Where nothing else is said, sources and files are found in the common way."""
+        """Set `source` and `level_one_files` to the functions of `tasks.common` where they are None."""
         for name, common_way in {"source": common.source_of, "level_one_files": common.level_one_files}.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, functools.partial(common_way, self))
@@ -205,7 +205,7 @@ def of_columns(module: str) -> Callable:
     product, or by product and letter.
     """
 
-    def simulation(out, chosen, day, seed, effects, _truth):
+    def simulation(out, chosen, day, seed, effects, _truth):  # as of `Calibration.simulation`
         letters = chosen.satellites if "satellites" in chosen.entries else chosen.satellite
         flown = letters if letters[1:] else catalog.satellite(letters).settings()
         columns, invented = importlib.import_module(module).simulate(flown, chosen, day, seed, effects)
@@ -224,7 +224,7 @@ def known() -> tuple[str, ...]:
 
 @functools.cache
 def load(name: str) -> Calibration:
-    """Record of an installed calibration; its schema and its part of the catalogue are made known."""
+    """`Calibration` of an installed calibration by name; its schema and its catalogue folder are registered."""
     record = _entry_points(*sys.path)[name].load()
     if not isinstance(record, Calibration) or record.name != name:
         raise TypeError(f"entry point {name} of {GROUP}: found {record!r:.80}, expected the Calibration {name!r}")

@@ -142,7 +142,7 @@ def make(campaign, source, folder):
     os.environ["GRAVCAL_PRODUCTS"] = folder
     counts, started, event = {"made": 0, "cached": 0}, time.perf_counter(), source.event
 
-    def count(_call, state, _ref):
+    def count(_call, state, _ref):  # listener of stages
         counts[state] += 1
 
     try:
@@ -216,7 +216,7 @@ def _make_all(campaign, sources, rows, listener):
     folder, lock = str(location.folder()), threading.Lock()
     waiting = {number: source for number, source in enumerate(sources) if rows[number] is None}
 
-    def heard(number, row):
+    def heard(number, row):  # store and announce the row of a source
         rows[number] = row
         if campaign.engine != "flow":  # its tasks show them
             with lock:
@@ -243,7 +243,7 @@ def _make_all(campaign, sources, rows, listener):
             return heard(number, row)
 
         def events():
-            """Make the events as tasks of one flow; beside it a table of the first of them."""
+            """Make the events as tasks of the running flow; a table of their rows becomes an artifact."""
             from prefect.artifacts import create_table_artifact
 
             as_tasks(waiting, row_of)

@@ -72,7 +72,7 @@ def complete_effects() -> list[str]:
 
 
 def writable(ctx: typer.Context, path: Path | None) -> Path | None:
-    """Path of a file that can be written; its folder is made, and what stands there is left alone."""
+    """Path itself, BadParameter unless a file can be written there; creates its folder, keeps an existing file."""
     if path is None or str(path) == "-" or ctx.resilient_parsing:
         return path
     try:
@@ -108,7 +108,7 @@ app.add_typer(products, name="products")
 def command_of(group, name=None):
     """Decorator that makes a function a command; its parameters are those of `ARGUMENTS` with their names."""
 
-    def decorate(body):
+    def decorate(body):  # the command
         own = ARGUMENTS.get(body.__name__, {})
         made = [
             argument(one, ARGUMENTS["common"].get(one, {}) | own.get(one, {})) for one in signature(body).parameters

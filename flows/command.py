@@ -1,4 +1,4 @@
-"""What the commands do, without reading arguments and without printing."""
+"""Work of the commands, without reading arguments and without printing."""
 
 import difflib
 import functools
@@ -242,7 +242,7 @@ def compare(calibration, first, second, satellite=None):
     for name in (first, second):
         configurations.settings_of(calibration, name)
 
-    def wanted(event):
+    def wanted(event):  # True if it is of the satellite
         return satellite is None or bool(set(satellite) & set(timeline.letters_of(event)))
 
     document = comparison.between(one, (first, second), wanted)

@@ -128,7 +128,7 @@ def period_of(plan):
 class Place:
     """Simulated flights of one calibration, satellite and day: folder of their files, limits, noise settings."""
 
-    def __init__(self, one, folder, satellite, date, limits, say, noise=None):
+    def __init__(self, one, folder, satellite, date, limits, say, noise=None):  # one: Calibration
         self.one, self.folder, self.satellite, self.date = one, folder, satellite, date
         self.limits, self.say, self.noise = limits, say, noise or {}
 
@@ -188,7 +188,7 @@ class Place:
             refuse("parameters", ", ".join(names), f"of {', '.join(old)}", "Correct the constraint.")
         size = {name: sigma for name, (sigma, *_) in old.items() if name in names and sigma}
 
-        def loss(errors, size):
+        def loss(errors, size):  # sum of squared errors over sizes, of the values in size
             return sum(((errors[name][0] or np.inf) / size[name]) ** 2 for name in size)
 
         tried, wanted = [], design.needed(self.limits["probability"], self.tied)

@@ -1,6 +1,6 @@
-"""Discovery: what the simulation of an event gets wrong, the cause, the extended model, the gain.
+"""Discovery: causes of what the model of an event leaves unexplained, extended model, gain.
 
-Also over many events of a satellite together, and what a new event changes.
+Also jointly over many events of a satellite, with the changes by a new event.
 """
 
 import contextlib
@@ -103,7 +103,7 @@ def evidence_of(calibration: str) -> Calibration:
     looked = one.discovery
 
     @flow(name=f"{one.name}_evidence")
-    def evidence(source, chosen):
+    def evidence(source, chosen):  # ProductRef
         products, housekeeping = looked.baseline(source, chosen), []
         settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
         about = {"calibration": one.name, "observations": looked.observations, "names": list(products)}

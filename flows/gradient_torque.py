@@ -1,4 +1,4 @@
-"""Gravity-gradient torque and drag: from an SGRS file to the drag by each method, and what one sensor can tell."""
+"""Gravity-gradient torque and drag: from an SGRS file to the drag by each method, and the limits of one sensor."""
 
 import functools
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""What the commands print: tables, errors on one screen; and progress on a terminal."""
+"""Output of the commands: tables, errors on one screen, and progress on a terminal."""
 
 import contextlib
 import itertools

@@ -1,6 +1,6 @@
-"""A source paper again: its days fetched, processed as printed and as corrected, and both beside what is printed.
+"""Reproduction of a source paper: its days processed as printed and as corrected, both compared with the print.
 
-What a paper consists of stands in `catalog/published/papers.toml`, what is compared in the record of its calibration.
+Days, tables and figures of a paper are in `catalog/published/papers.toml`, the comparison in `Calibration.recomputed`.
 """
 
 import base64

@@ -1,4 +1,4 @@
-"""A routine day forward: every instrument whose records there are, measured beside simulated, and causes."""
+"""A routine day: measured against simulated readings of every instrument that has records, and causes of residuals."""
 
 import functools
 from dataclasses import replace
@@ -27,7 +27,7 @@ def simulate_and_fit(source, chosen):
 def search(source, chosen, shown):
     """ProductRef of one report of the discoveries of all instruments (parts) of a day; shown: with detection limits."""
 
-    def of_part(part, source, chosen):
+    def of_part(part, source, chosen):  # (ProductRef of the search, facts for the report)
         one, source, own = _owner(part, source, chosen)
         about = {"calibration": one.name, "event": source.event, "settings": own.for_report()}
         return discover.searched(one, source, own, shown)[0], about

@@ -26,12 +26,12 @@ from gravcal.store import location
 
 @dataclass(frozen=True)
 class Served:
-    """What is run, and when; ``arguments`` are those of both flows, ``pruning`` those of the one by the clock."""
+    """Flows to serve and their times; ``arguments`` are of both flows, ``pruning`` of reprocess-all alone."""
 
-    cron: str
-    watched: Path | None
-    every_s: float
-    data: Path | None
+    cron: str  #: times of reprocess-all, UTC
+    watched: Path | None  #: folder of new-data
+    every_s: float  #: between looks at it
+    data: Path | None  #: folder of reprocess-all, None for the catalogue
     arguments: dict
     pruning: dict = field(default_factory=dict)
 
@@ -67,7 +67,7 @@ def serve(served, said):
 
 @contextlib.contextmanager
 def _alone(name):
-    """Keep a second process from serving the same calibration on the same server."""
+    """Context with a lock: refused if another process serves the same calibration on the same server."""
     home = Path(os.environ["PREFECT_HOME"]).expanduser()
     try:
         with (server.home() / f"serve-{name}.lock").open("w") as held:

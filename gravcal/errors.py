@@ -1,4 +1,4 @@
-"""Errors of gravcal: where, what was found against what was expected, what to do; the numbers travel as facts."""
+"""Errors of gravcal: each message has place, found, expected and remedy; the numbers are kept as facts."""
 
 from typing import NoReturn
 
@@ -22,7 +22,7 @@ class CatalogError(GravcalError):
 
 
 class ProductError(GravcalError):
-    """A file or product is not what it should be."""
+    """A file or product is missing, damaged, or not of the expected form."""
 
 
 class NoDataError(ProductError):
@@ -30,7 +30,7 @@ class NoDataError(ProductError):
 
 
 class EstimationError(GravcalError):
-    """The data do not determine what was asked for."""
+    """The data do not determine the parameters to be estimated."""
 
 
 def refuse(where, found, expected, remedy, error=ProductError, **facts) -> NoReturn:

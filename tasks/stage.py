@@ -91,7 +91,7 @@ class Call:
 def stage(*, reads, writes, version, also=()):
     """Decorator that makes a stage of a function; see the top of this module."""
 
-    def decorate(body):
+    def decorate(body):  # Stage
         decorated = Stage(body, tuple(reads), writes, version, tuple(also))
         for name in functools.WRAPPER_ASSIGNMENTS:
             object.__setattr__(decorated, name, getattr(body, name, None))
@@ -103,7 +103,7 @@ def stage(*, reads, writes, version, also=()):
 class lazy:
     """Stand-in for a module, imported at its first use, so that plans and cached runs stay quick."""
 
-    def __init__(self, name):
+    def __init__(self, name):  # "gravcal.x"
         self._name = name
 
     def __getattr__(self, attribute):
@@ -264,7 +264,7 @@ def _make(call, key, wanted, modules):  # ProductRef of the body's result; wante
 def _origin(call, contents, stated, own):
     """Origin of a product: common to its inputs; of a file as the event (stated), the body (own) or its header says.
 
-    What the body says may make measured simulated, never the reverse.
+    An origin set by the body may turn measured into simulated, never the reverse.
     """
     inputs_of = zip(call.inputs, contents, strict=True)
     origins = [
@@ -275,7 +275,7 @@ def _origin(call, contents, stated, own):
 
 
 def _of_input(error, call):
-    """Error to raise for one of a body: an EstimationError about its input where equations cannot be solved."""
+    """Error itself, or for singular equations and not finite input an EstimationError that names event and stage."""
     of_scipy = isinstance(error, ValueError) and "infs or NaNs" in str(error)  # asarray_chkfinite
     if not isinstance(error, np.linalg.LinAlgError) and not of_scipy:
         return error

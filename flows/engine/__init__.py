@@ -1,4 +1,4 @@
-"""How a flow runs: here (inline), only in thought (plan), or through Prefect. The flow's text is the same for all.
+"""Engines of a flow: in this process (inline), without computing (plan), or through Prefect; its code is the same.
 
 @flow(name="com_offset")
 def calibrate(source, chosen): ...
@@ -55,7 +55,7 @@ def flow(*, name):
     Readable links are those of the configuration that the parameters are of.
     """
 
-    def decorate(body):
+    def decorate(body):  # body: (source, chosen) -> ProductRef
         @functools.wraps(body)
         def configured(source, chosen):
             with location.configured(getattr(chosen, "configuration", location.OPERATIONAL)):
@@ -106,7 +106,7 @@ def run(body, source, chosen, engine="prefect", listener=None):
     configured = location.configured(getattr(chosen, "configuration", location.OPERATIONAL))
     with configured, noted as note, one_thread():
 
-        def heard(*stage_done):
+        def heard(*stage_done):  # (call, state, ref)
             note(*stage_done)
             if listener:
                 listener(*stage_done)
@@ -136,7 +136,7 @@ def attempt(part):
 
 
 class Planner:
-    """Engine that makes nothing and notes what would be made."""
+    """Engine of a plan: makes nothing and lists the steps (`Step`) of a flow."""
 
     computes = False
 
@@ -191,7 +191,7 @@ def _remade(key, original, stages, done):
     record = store.read_record(original / "objects" / key[:2] / key)
     if record is None:
         refuse(f"product {key[:12]}", f"that its record is no longer in {original}", "it", "Run its event again.")
-    items = [
+    inputs = [
         _raw_file(part, label) if "path" in part else _remade(part["key"], original, stages, done)
         for part, label in store.inputs(record)
     ]
@@ -202,9 +202,9 @@ def _remade(key, original, stages, done):
     except (ImportError, AttributeError) as error:
         missing, remedy = f"no stage {record['stage']} ({error})", f"Install gravcal {record['versions']['gravcal']}."
         refuse(recipe["kind"], missing, "the stage that made it", remedy, stage=record["stage"])
-    made = done[key] = body(*items, **settings)
-    anew = store.read_record(made.folder)
-    changed, version = history.changed(record, anew), anew["recipe"]["version"]
+    made = done[key] = body(*inputs, **settings)
+    new_record = store.read_record(made.folder)
+    changed, version = history.changed(record, new_record), new_record["recipe"]["version"]
     if recipe["version"] != version:
         changed.append(f"version {recipe['version']} -> {version}")
     verdict = "equal" if made.digest == record["digest"] else "different"
@@ -280,7 +280,7 @@ def _through_prefect(body, name, listener, steps):
     """ProductRef that ``body()`` returns, its stages Prefect tasks, after a plan of steps; Unavailable if no server."""
     engine = Submitter(listener)
 
-    def stages():
+    def stages():  # ProductRef of the result, as body of the Prefect flow
         from prefect.artifacts import create_table_artifact
 
         rows = [{"stage": one.stage, "action": one.action, "why": "; ".join(one.reasons)} for one in steps]
@@ -307,7 +307,7 @@ def flow_on(url, body, name, count):
 
     known = {}
 
-    def watched():
+    def watched():  # `body` after tagging its run
         known["run"] = get_run_context().flow_run.id
         servers.sign(url, known["run"])
         return body()
@@ -331,7 +331,7 @@ def _task(call, listener):
     from prefect.states import Completed
 
     @functools.wraps(call.stage.body)
-    def work(*inputs):
+    def work(*inputs):  # ProductRef, or Completed with it
         known = stage.Call(call.stage, inputs, call.settings, call.event, call.variant)
         with stage.using(stage.inline):
             ref, state = stage.perform(known)

@@ -1,4 +1,4 @@
-"""Addresses of the pages, who may ask for them, what an answer may contain, and the server."""
+"""Routes of the pages, access control by host and token, security headers, and the server."""
 
 import hmac
 import ipaddress
@@ -67,7 +67,7 @@ def guarded(app, token, hosts):
     their own that leads to this machine.
     """
 
-    async def answer(request, call_next):
+    async def answer(request, call_next):  # Response, with `HEADERS`
         response = _refused(request, token, hosts) or await call_next(request)
         for name, value in HEADERS.items():
             response.headers.setdefault(name, value)

@@ -46,7 +46,7 @@ def timeline_figure(request):
 
 
 def event(request):
-    """Chain of stages of one event as its last run left it, what a change would remake, its results and reports."""
+    """Chain of stages of an event after its last run, products that a changed setting remakes, results, reports."""
     name, configuration = _event(request)
     plain = [row for row in store_index.results() if row["event"] == name]
     flows = store_index.flows(name, configuration)
@@ -101,14 +101,14 @@ def compare(request):
 
 
 def search(request):
-    """What discovery said of an event: verdict, findings, what it could not have seen; and its own page."""
+    """Discovery of an event: verdict, findings, detection limits, and link to its report."""
     name, configuration = _event(request)
     searches = _there(store_index.searches(name, configuration))
     return _filled("search.html", request, name=name, configuration=configuration, found=searches)
 
 
 def designs(request):
-    """Designs of sessions in the catalogue, and what of an event was planned and found."""
+    """Designs of sessions in the catalogue, proposed ones, and planned and detected manoeuvres of an event."""
     known = {name: catalog.design(name) for name in catalog.names("designs")}
     name = request.query_params.get("event", "")
     event = catalog.event(name) if name in catalog.names("events") else None
@@ -140,7 +140,7 @@ def products(request):
 
 
 def product(request):
-    """One product: what it holds, a plot, how it was made."""
+    """One product: variables, a plot, attributes, provenance, related products."""
     entry = _there(store_index.entry(request.path_params["key"]))
     held = series.listed(entry.ref.path)
     shown = _shown(held, request.query_params.get("variable"))
@@ -189,19 +189,19 @@ def file(request):
 
 
 def not_found(request, _):
-    """Say that there is no such page."""
+    """HTTP 404: there is no such page."""
     return _filled("message.html", request, 404, title="Not in this store",
                    text="There is no such page, event or product here.")  # fmt: skip
 
 
 def broken(request, _):
-    """Say that a page failed."""
+    """HTTP 500: a page failed."""
     return _filled("message.html", request, 500, title="This page failed",
                    text="A product may be damaged: gravcal products verify says which.")  # fmt: skip
 
 
 def missing(_, error):
-    """Say what cannot be drawn, and why."""
+    """HTTP 404 with the text of a `series.Missing`."""
     return PlainTextResponse(f"{error}\n", 404)
 
 

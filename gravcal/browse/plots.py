@@ -45,7 +45,7 @@ THEME = Theme(Path(__file__).with_name("theme.json"))
 
 @dataclass(frozen=True)
 class Wish:
-    """What a figure shows."""
+    """Request for a figure of one variable."""
 
     #: key, variable: product and its variable
     key: str

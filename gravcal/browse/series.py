@@ -80,7 +80,7 @@ def is_time(path: Path, name: str) -> bool:
 def coordinate(path, variable):
     """(name, kind, label) of the coordinate that a variable is plotted against; name "" for the sample number.
 
-    The kind is "time", "value" or "index".
+    Kind: "time" (GPS s), "value", or "index" (number of the sample).
     """
     name = variable.dims[variable.axis]
     axis = listed(path).get(name)
@@ -229,7 +229,7 @@ def difference(one, other, shift=0.0):
 def spectrum(whole):
     """Amplitude spectral density of the longest even stretch without gaps (Welch, Hann window, mean and slope removed).
 
-    Frequency (m,), Hz where the coordinate is in seconds; density (m,), unit Hz-1/2; and what was used, in words.
+    Returns frequency (m,), Hz where the coordinate is in seconds; density (m,), unit Hz-1/2; text on the method.
     """
     x, y = whole.x[:LONGEST], whole.y[:LONGEST]
     uneven, known = np.abs(np.diff(x) / _typical(x) - 1) > 0.01, np.isfinite(y)

@@ -106,10 +106,10 @@ def flows(event, configuration=location.OPERATIONAL) -> list[str]:
 
 
 def chain(event, configuration=location.OPERATIONAL, flow=None) -> list[Node]:
-    """Stages of an event: the newest product of each, what they were made of, and where the last run failed.
+    """[Node] of the stages of an event: the newest product of each with its inputs, and the stage that failed last.
 
-    Of a flow only those of its last run. An input stands for the newest product of its stage where both hold the same:
-    made again, nothing changed.
+    With a flow only those of its last run. An input is replaced by the newest product of its stage if both have the
+    same content.
     """
     runs = [run for run in history.runs() if (run["event"], run["configuration"]) == (event, configuration)]
     runs = [run for run in runs if flow in (None, run["flow"])]
@@ -171,7 +171,7 @@ def searches(event, configuration=location.OPERATIONAL) -> list[tuple[housekeepi
 
 
 def proposed() -> list[dict]:
-    """Documents of the designs that `gravcal design` left in this store, the last day first."""
+    """[document] of the designs that `gravcal design` wrote into this store, the last day first."""
     designs = [_json(path) for path in (location.folder() / "designs").glob("*.json")]
     return sorted((one for one in designs if one), key=lambda one: one["date"], reverse=True)
 

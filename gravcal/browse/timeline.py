@@ -18,7 +18,7 @@ CATALOGUE = (
 
 @dataclass(frozen=True)
 class Point:
-    """One value with its error: ours or printed."""
+    """One value with its error: a result of this store, or a printed value."""
 
     satellite: str  #: letter or letters
     panel: str  #: name of the quantity, "x"

@@ -1,6 +1,6 @@
 """Level-1 files in a folder: loose, compressed, or members of the daily archives, read without extracting.
 
-What is packed is read as a stream and refused once it exceeds a limit: ``GRAVCAL_UNPACKED_LIMIT`` is that of one file
+Compressed data are read as a stream and refused once they exceed a limit: ``GRAVCAL_UNPACKED_LIMIT``, of one file
 in MB (default 256; ACC1A of a day has 100). An archive may hold 16 times as much in all, and 10,000 members.
 """
 
@@ -242,9 +242,9 @@ def _too_large(where, what):  # raises: ``what`` of a file has more bytes than `
 
 
 class _Bounded:
-    """Readable stream that refuses to go beyond what an archive may unpack to."""
+    """Readable stream of an archive that refuses to pass the limits of one file and of the whole archive."""
 
-    def __init__(self, stream, where):
+    def __init__(self, stream, where):  # binary stream; path for messages
         self._stream, self._where = stream, where
         self._most, self._end = limit(), IN_ARCHIVE * limit()
         self.tell = stream.tell

@@ -1,7 +1,7 @@
 """Daily netCDF files in layouts of our own (formats.md, section 6), for missions without public data.
 
 IS1, ATT and ORB are voltages, attitude and orbit of an inertial sensor. SGRS holds readings of one or two test masses
-with attitude and orbit; its file of truth is the same without noise, with the drag beside it. Times are GPS seconds
+with attitude and orbit; its file of truth holds these without noise, and the drag. Times are GPS seconds
 past 2000-01-01 12:00:00.
 """
 
@@ -104,7 +104,7 @@ def loaders(files: Sequence[LevelOneFile]) -> list[tuple[Callable, ...]]:
 def between(files: Sequence[LevelOneFile]) -> list[Callable]:
     """[IS1, ATT, ORB]: functions (start, stop in GPS s) -> dict of `read` between two epochs, also across midnight."""
 
-    def read_part(name, start, stop):
+    def read_part(name, start, stop):  # dict of `read` of a product ("IS1" ...), all days joined
         own = sorted((one for one in files if one.product == name), key=lambda one: one.date)
         parts = [read(one, start, stop) for one in own]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}

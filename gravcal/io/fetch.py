@@ -83,7 +83,7 @@ class Archive:
 
 @dataclass(frozen=True)
 class Fetched:
-    """One archive in the folder: whether it came now ("fetched") or was there, and by what it was checked."""
+    """One archive in the folder, and the checks that it passed."""
 
     path: Path
     state: str  #: "fetched" or "there"
@@ -106,7 +106,7 @@ class Patience:
 class Interrupted(Exception):
     """A failed transfer that is worth repeating, after ``pause_s`` at least."""
 
-    def __init__(self, reason, pause_s=0.0):
+    def __init__(self, reason, pause_s=0.0):  # pause that the server asks for
         super().__init__(reason)
         self.pause_s = pause_s
 
@@ -182,8 +182,8 @@ def checksum_addresses(url):
 def fetch(archives, out, place, listener=None, patience=None):
     """[Fetched] of archives downloaded into the folder ``out``, and nowhere else; one that fails stops no other.
 
-    The place is "podaac", "isdc" or the address of a server with the same layout; the listener hears of archive name,
-    bytes there, bytes in all (None: unknown). Raises ProductError for the first archive that could not be had, after
+    The place is "podaac", "isdc" or the address of a server with the same layout; the listener is called with archive
+    name, bytes there, bytes in all (None: unknown). Raises the error of the first archive that failed, after
     all were tried, CatalogError for a place that is no known name and no address of http(s), or one with a password.
     """
     address = urlsplit(PLACES.get(place, place))
@@ -251,7 +251,7 @@ def _published_md5(session, url, name, patience):
     """MD5 (32 hexadecimal digits) that the server publishes for the archive at url, or None."""
     for address in checksum_addresses(url):
 
-        def attempt(address=address):
+        def attempt(address=address):  # text of the checksum file
             with _ask(session, address, {}, patience) as response:
                 return b"".join(_chunks(response, patience, TEXT_LIMIT)).decode(errors="replace")
 
@@ -313,7 +313,7 @@ def _check(archive, path, digest):
 def _download(session, url, part, patience, listener):
     """Download url into ``part``, resuming an earlier attempt; `_check` shows whether both parts are of one file."""
 
-    def attempt():
+    def attempt():  # raises Interrupted unless ``part`` is complete
         present = _size(part)
         headers = {"Range": f"bytes={present}-"} if present else {}
         with _ask(session, url, headers, patience) as response:

@@ -1,4 +1,4 @@
-"""Gravity fields in the ICGEM format (.gfc), and the one that ships with the package.
+"""Gravity fields in the ICGEM format (.gfc), and GGM05S, which ships with the package.
 
 Format: Barthelmes and Foerste 2011, The ICGEM-format. Time-variable models are taken at their reference epoch: the
 static part of a `gfct` line is used, trends and periodic terms (`trnd`, `dot`, `acos`, `asin`) are left out.

@@ -177,14 +177,14 @@ def _variable(table, column, comment):  # {column: attributes} of the YAML heade
 
 
 def label_header(kind: str, ticks: np.ndarray, size: int, about: Mapping[str, str]) -> str:
-    """80-column header, as of VKB1B.
+    """Text of an 80-column header in the form of VKB1B.
 
     Parameters
     ----------
     kind : type of the file with its number, divided by a colon
     ticks : (n,) ns, times of the records
     size : bytes of the records
-    about : values by label, in place of those that are the same for all
+    about : {label: value} that replace or add to those of every file
     """
     label, _, number = (part.strip() for part in kind.partition(":"))
     edges = [f"{t / 1e9:.6f} ({str(_date(t))[:22].replace('T', ' ')})" for t in (ticks[[0, -1]] if len(ticks) else ())]

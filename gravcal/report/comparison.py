@@ -1,4 +1,4 @@
-"""Two configurations of a calibration beside each other: what each event's numbers and verdicts do when one is changed.
+"""Comparison of two configurations of a calibration: changes of values, verdicts and checks, event by event.
 
 Both solutions are made of the same records, so their errors are not independent. Where one of them is efficient among
 the estimators that both belong to (more data or weights of the true noise used by it), its error is uncorrelated with
@@ -92,7 +92,7 @@ def difference(first, second):
 
 
 def tables(document):
-    """Tables of a comparison: settings, values, and what else changed, (heads, rows) each; no row without a change."""
+    """[(heads, rows)] of a comparison document: settings that differ, values, and all other changes."""
     first, second = document["configurations"]
     heads = ["event", "value", first, second, "difference", "in its sigma", f"in sigma of {first}", "unit"]
     rows, other = [], []

@@ -1,4 +1,4 @@
-"""What a discovery delivers: the result document, its verdict in words, the page, and the extended model as a file."""
+"""Report of a discovery: result document with verdict, page, and the extended model as a file."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -38,7 +38,7 @@ def report(
     """Report product of a discovery with the probabilities of adequacy, and its files {name: text}.
 
     Datasets: the discovery and, if the calibration has such, its combined results before, after, and before with
-    correction and errors of the initial model; `reported` reads results of these. Records: digest of what it changes.
+    correction and errors of the initial model; `reported` reads results of these. Records: digest of their product.
     """
     document, outcome = judged(
         search, *combined, calibration=calibration, event=event, settings=settings, reported=reported
@@ -169,34 +169,34 @@ def unobservable_table(outcome: Outcome) -> Table:
     about = list(zip(change.names, change.sigma_before, units(change.unit, change.names), strict=True))
     for one in sorted(outcome.indistinguishable_from_calibration, key=lambda r: -r.bias_in_sigma)[:12]:
         where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one.direction.items())
-        drag, priced = one.drag_bias_m_s2, one.bias_in_error or [None] * len(about)
-        each = zip(one.bias, priced, about, strict=True)
+        drag, errors = one.drag_bias_m_s2, one.bias_in_error or [None] * len(about)
+        each = zip(one.bias, errors, about, strict=True)
         each = sorted(each, key=lambda row: -abs(row[0]) / (row[2][1] or np.inf))[:3]
-        moved = ", ".join(f"{name} {signed(v, decimals(max(abs(v), 1e-3)))} {unit}" for v, _, (name, _, unit) in each)
-        said = f"drag {plain.quantity(max(drag), None, 'm s-2')}" if drag else moved
-        held = ", ".join(f"{v:.2g} {unit}" for _, v, (_, _, unit) in each if v is not None)
-        rows.append([words.title(one.cause), where, f"{one.signal_to_noise:.1f}", said, held])
+        biases = ", ".join(f"{name} {signed(v, decimals(max(abs(v), 1e-3)))} {unit}" for v, _, (name, _, unit) in each)
+        bias = f"drag {plain.quantity(max(drag), None, 'm s-2')}" if drag else biases
+        in_errors = ", ".join(f"{v:.2g} {unit}" for _, v, (_, _, unit) in each if v is not None)
+        rows.append([words.title(one.cause), where, f"{one.signal_to_noise:.1f}", bias, in_errors])
     return WORDS.table("unobservable", rows)
 
 
 def model_text(findings: Sequence[NamedCause], event: str, initial: str = "", result: dict | None = None) -> str:
     """Extended model as TOML, as `--model` reads it; empty if no cause has a parameter that is determined.
 
-    It also holds the entries of the model that the search began with (initial, JSON text), and what the search adds to
-    the result of the calibration (result). Without findings it is the model of a run, with its own "result".
+    It also holds the entries of the model that the search began with (initial, JSON text), and the correction and its
+    covariance of the result (result). Without findings it is the model of a run, with its own "result".
     """
     effects = []
-    for one in [*json.loads(initial or "[]"), *map(tables_of, findings)]:
-        known = {n: p for n, p in one.get("model", one["parameters"]).items() if p["value"] is not None}
-        if known and one.get("adopted", True):
+    for entry in [*json.loads(initial or "[]"), *map(tables_of, findings)]:
+        determined = {n: p for n, p in entry.get("model", entry["parameters"]).items() if p["value"] is not None}
+        if determined and entry.get("adopted", True):
             parameters = {}
-            for name, parameter in known.items():
-                related = {n: r for n, r in parameter.get("correlation", {}).items() if n in known}
+            for name, parameter in determined.items():
+                related = {n: r for n, r in parameter.get("correlation", {}).items() if n in determined}
                 parameters[name] = {n: parameter.get(n) for n in ("value", "sigma", "unit")} | {"correlation": related}
-            effect = {"cause": one["cause"], "form": one["form"], "tied_with": one.get("tied_with", [])}
-            leads = {name: one.get(name) or None for name in ("waves", "leads")}
-            days = {name: one.get(name) for name in ("from", "to")}
-            effects.append(effect | days | {"parameters": parameters} | leads)
+            effect = {"cause": entry["cause"], "form": entry["form"], "tied_with": entry.get("tied_with", [])}
+            shape = {name: entry.get(name) or None for name in ("waves", "leads")}
+            days = {name: entry.get(name) for name in ("from", "to")}
+            effects.append(effect | days | {"parameters": parameters} | shape)
     if not findings and effects and (own := json.loads(initial)[0].get("result")):
         result = own | {"unit": "m"}
     model = {"event": event, "effect": effects, "result": result}
@@ -216,15 +216,15 @@ def _power(search):  # Figure: power over noise of each channel by block and ban
     look = {"xlabel": f"{part}, four bands from low to high frequency", "ylabels": [names[k] for k in tested]}
     drawn, panels = grid(len(tested), 1, 0.7 + 0.95 * len(tested), sharex=True, margins={"hspace": 0.16}, **look)
     for (panel,), k in zip(panels, tested, strict=True):
-        here = search["test_channel"].values == k
-        place = blocks[here] + 1 + (bands[here] - 1.5) * 0.18
+        of_channel = search["test_channel"].values == k
+        place = blocks[of_channel] + 1 + (bands[of_channel] - 1.5) * 0.18
         panel.axhline(1.0, label="noise", **NOISE)
         for which, (name, style) in zip(("before", "after"), STYLES["points"].items(), strict=True):
-            panel.plot(place, search[f"power_{which}"].values[here], label=name, markersize=size, **style)
+            panel.plot(place, search[f"power_{which}"].values[of_channel], label=name, markersize=size, **style)
         _wide(panel)
-    named = enumerate(search.attrs["blocks"].split(", ")[: int(blocks.max()) + 1], start=1)  # that have bands
-    named = {k: name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(k) for k, name in named}
-    panel.set_xticks([*named][each - 1 :: each], [*named.values()][each - 1 :: each])
+    labels = enumerate(search.attrs["blocks"].split(", ")[: int(blocks.max()) + 1], start=1)  # that have bands
+    labels = {k: name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(k) for k, name in labels}
+    panel.set_xticks([*labels][each - 1 :: each], [*labels.values()][each - 1 :: each])
     return drawn
 
 
@@ -372,8 +372,8 @@ def caption(search, number: int, readings_of: Mapping[str, str]) -> str:
     view, period = shown(search, number), fold(search, number)
     if view is None:
         return ""
-    what = f"Finding {number + 1}" if number >= 0 else "The least likely band"
+    subject = f"Finding {number + 1}" if number >= 0 else "The least likely band"
     folded = f" Folded over {period:.4g} s, without what changes in longer times." if period else ""
-    own = readings_of.get(view[0].channel, " Its mean is left out.")
-    own += WORDS.note("rebuilt") if "rebuilt" in search.attrs else ""
-    return WORDS.note("reading", what=what, folded=folded, own=own, **vars(view[0]))
+    details = readings_of.get(view[0].channel, " Its mean is left out.")
+    details += WORDS.note("rebuilt") if "rebuilt" in search.attrs else ""
+    return WORDS.note("reading", what=subject, folded=folded, own=details, **vars(view[0]))

@@ -1,4 +1,4 @@
-"""Findings of a discovery in sentences: what is off and by how much, laws in no list in words and symbols."""
+"""Findings of a discovery in sentences: cause and size; laws outside the catalogue in words and symbols."""
 
 import re
 
@@ -19,8 +19,8 @@ def title(cause: str) -> str:
     """Cause as readable text, "torque: dipole gain"; for one outside the catalogue the driver that it follows."""
     if cause == "unknown:excess":
         return "power beyond noise"
-    start, _, name = cause.partition(":")
-    return f"an effect in no list that follows {_plain(name)}" if name else _plain(start.replace(".", ": "))
+    slug, _, name = cause.partition(":")
+    return f"an effect in no list that follows {_plain(name)}" if name else _plain(slug.replace(".", ": "))
 
 
 def _plain(words):  # text of a slug: blanks for "_", " times " for "*"
@@ -58,16 +58,16 @@ def _stated(known):
 
 def _phrase(cause, name, parameter):
     """Clause on a parameter (name, Parameter) of a catalogued cause with its value, in the words of the catalogue."""
-    value, sigma, listed = parameter.value, parameter.sigma, effects.catalogue().get(cause)
-    known = {one.name: one.meaning for one in listed.parameters} if listed else {}
-    alone = f"{known[name[:-2]]} of sensor {name[-1]}" if name[-2:] in ("_1", "_2") and name[:-2] in known else ""
-    meaning = known.get(name, alone) or (f"share in {name}" if len(name) == 1 else _plain(name))
+    value, sigma, effect = parameter.value, parameter.sigma, effects.catalogue().get(cause)
+    known = {one.name: one.meaning for one in effect.parameters} if effect else {}
+    of_sensor = f"{known[name[:-2]]} of sensor {name[-1]}" if name[-2:] in ("_1", "_2") and name[:-2] in known else ""
+    meaning = known.get(name, of_sensor) or (f"share in {name}" if len(name) == 1 else _plain(name))
     if name == "time":
         return f"at {gps_text(value)} GPS" + (f" ± {sigma:.2g} s" if sigma else "")
     if meaning.startswith("relative excess of "):
         more = "larger" if value > 0 else "smaller"
-        said = quantity(abs(value), sigma, "1")
-        return f"{meaning.removeprefix('relative excess of ')} is {said} {more} than the catalogue says"
+        size = quantity(abs(value), sigma, "1")
+        return f"{meaning.removeprefix('relative excess of ')} is {size} {more} than the catalogue says"
     text = quantity(value, sigma, parameter.unit)
     if meaning.endswith((" by", " at")):
         return f"{meaning} {text}"
@@ -120,16 +120,16 @@ def _moves(change):
     if not change.names:
         return ""
     rows = change.names, change.change, change.after, change.sigma_before, change.sigma_after
-    moved = []
-    for name, step, value, before, after, unit in zip(*rows, units(change.unit, change.names), strict=True):
-        if None not in (step, before, after) and abs(step) >= MOVED * before:
+    moves = []
+    for name, step, value, sigma_before, sigma_after, unit in zip(*rows, units(change.unit, change.names), strict=True):
+        if None not in (step, sigma_before, sigma_after) and abs(step) >= MOVED * sigma_before:
             factor = 1.0
             if unit.startswith("1e-6 "):
-                factor, unit = prefixed(1e-6 * max(abs(value), after), unit.removeprefix("1e-6 "))
+                factor, unit = prefixed(1e-6 * max(abs(value), sigma_after), unit.removeprefix("1e-6 "))
                 factor *= 1e-6
-            by, to = (signed(factor * one, decimals(factor * after)) for one in (step, value))
-            moved.append(f"{name} by {by} to {to} ± {factor * after:.{decimals(factor * after)}f} {unit}")
-    return f" The result moves: {', '.join(moved)}." if moved else " The result moves by less than half of its error."
+            by, to = (signed(factor * one, decimals(factor * sigma_after)) for one in (step, value))
+            moves.append(f"{name} by {by} to {to} ± {factor * sigma_after:.{decimals(factor * sigma_after)}f} {unit}")
+    return f" The result moves: {', '.join(moves)}." if moves else " The result moves by less than half of its error."
 
 
 chance = lambda p: f"p = {probability(p)}".replace("= <", "<")  # noqa: E731

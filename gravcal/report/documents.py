@@ -1,4 +1,4 @@
-"""What all result documents share: origin and configuration of the data, checks, and the status that follows."""
+"""Common parts of all result documents: origin and configuration of the data, checks, and the resulting status."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -53,7 +53,7 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
 
 
 def settings_of(document: Mapping) -> Mapping:
-    """Settings that a document was made with."""
+    """{setting: value} that a document was made with, also of a discovery; {} without."""
     return document.get("settings") or document.get("provenance", {}).get("settings", {})
 
 

@@ -1,4 +1,4 @@
-"""Figures of the reports: one style, colours that the colour-blind tell apart, bytes that depend on the data alone."""
+"""Figures of the reports: one style, colours safe for colour-blind readers, bytes that depend on the data alone."""
 
 import base64
 import io
@@ -42,7 +42,7 @@ STYLE = matplotlib.rc_params_from_file(Path(__file__).with_name("report.mplstyle
 
 
 def grid(rows, columns, height_in, *, xlabel="", ylabels=(), titles=(), margins=None, **options):
-    """Figure, height in inches, and its panels, always a (rows, columns) array of Axes.
+    """(Figure of a height in inches, (rows, columns) array of Axes).
 
     The label of x stands under the last row, those of y at the first column, titles above the panels in order. Margins
     {"left", "right", "top", "bottom", "hspace", "wspace"} and other options are those of Figure.subplots.

@@ -1,4 +1,4 @@
-"""Results of a calibration over the years, beside printed values and mass trims: rows and page."""
+"""Results of a calibration over the years with printed values and mass trims: rows and page."""
 
 import datetime
 

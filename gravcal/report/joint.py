@@ -49,15 +49,15 @@ def report(search, products, *, history, settings, calibration, event, satellite
     left_out, sigma = [one.left_out() for one in moves.values()], np.sqrt(np.einsum("ipip->ip", spread))
     contradicting = [asdict(one) for one in result.contradicting]
     for name, scores in zip(names, left_out, strict=True) if len(time) > 3 else ():  # that the motion does not foretell
-        for one, away in zip(search.events, scores, strict=True):
-            chance = float(np.exp(chi2_tail.log_tail(away**2, 1))) * len(time) * len(names)
-            about = {"event": one.name, "chi2": float(away**2), "dof": 1, "p": chance, "parameter": name}
-            contradicting += [about] if chance < search.level else []
+        for one, score in zip(search.events, scores, strict=True):
+            p_value = float(np.exp(chi2_tail.log_tail(score**2, 1))) * len(time) * len(names)
+            about = {"event": one.name, "chi2": float(score**2), "dof": 1, "p": p_value, "parameter": name}
+            contradicting += [about] if p_value < search.level else []
     rows = []
     for k, one in enumerate(search.events):
         row = {"event": one.name, "time": one.time, "value": value[k], "sigma": sigma[k]}
         row |= {name: scale * result.alone[k, :, n] for n, name in enumerate(("alone", "sigma_alone"))}
-        rows.append(row | {"left_out": [away[k] for away in left_out], "measured": dict(one.measured)})
+        rows.append(row | {"left_out": [score[k] for score in left_out], "measured": dict(one.measured)})
     common = scale * np.array(known.common)
     body = {
         "status": "delivered",
@@ -84,10 +84,10 @@ def report(search, products, *, history, settings, calibration, event, satellite
         "satellite_model.toml": model_text(document, search, result),
         "joint.html": page(document, moves, history),
     }
-    of_each, said = ("event", "parameter"), {"units": "1", "long_name": f"parameters in {unit}"}
-    kept = {"time_event": ("event", time, {"units": "s", "long_name": "middle of the manoeuvres, GPS"})}
-    kept |= {"value": (of_each, value, said), "sigma": (of_each, sigma, said | {"long_name": "errors"})}
-    return xr.Dataset(kept, attrs={"status": "delivered"}), files
+    dims, attributes = ("event", "parameter"), {"units": "1", "long_name": f"parameters in {unit}"}
+    variables = {"time_event": ("event", time, {"units": "s", "long_name": "middle of the manoeuvres, GPS"})}
+    variables |= {"value": (dims, value, attributes), "sigma": (dims, sigma, attributes | {"long_name": "errors"})}
+    return xr.Dataset(variables, attrs={"status": "delivered"}), files
 
 
 def seconds(day: str) -> float:
@@ -110,7 +110,7 @@ def _cause(search, one) -> dict:
     cause = search.causes[one.law.cause]
     of_event, chi2, dof = one.apart
 
-    def parameters(value, sigma):
+    def parameters(value, sigma):  # {name: {"value", "sigma", "unit"}} of (q,), (q,)
         columns = zip(cause.names, value, sigma, cause.units, strict=True)
         return {name: {"value": v, "sigma": e, "unit": unit} for name, v, e, unit in columns}
 
@@ -146,9 +146,9 @@ def _cause(search, one) -> dict:
 def _motion(one: Moving, trims, name, fuel):
     """Document entry of a parameter's motion: slope per year, steps, dependence on fuel (or null), random walk."""
     terms, first = [{"value": v, "sigma": s} for v, s in np.transpose(one.terms()).tolist()], 2 + len(one.steps)
-    printed, steps = {seconds(t["date"]): t["size"] for t in trims if t["axis"] == name}, []
-    for at, term in zip(one.steps, terms[2:first], strict=True):
-        steps.append({"date": day(at), **term, "found": at in one.discovered, "printed": printed.get(at)})
+    sizes, steps = {seconds(t["date"]): t["size"] for t in trims if t["axis"] == name}, []
+    for epoch, term in zip(one.steps, terms[2:first], strict=True):
+        steps.append({"date": day(epoch), **term, "found": epoch in one.discovered, "printed": sizes.get(epoch)})
     follows = dict.fromkeys(fuel) | dict(zip(one.follows, terms[first:], strict=True)) or None
     walk = float(np.sqrt(sum(w * q**2 for w, q, _ in one.options())))
     return {"slope_per_year": terms[1], "steps": steps, "follows": follows, "walk_per_root_year": walk}
@@ -199,8 +199,8 @@ def _spans(search, law):
         after = [str(datetime.date.fromisoformat(d) + datetime.timedelta(1)) for d in days]
         return [(a, b, w[None]) for a, b, w in zip(days, after, weights, strict=True) if w.any()]
     cuts = [0, *(np.flatnonzero(np.any(np.diff(weights, axis=0), axis=1)) + 1), len(days)]
-    middle = [day((search.events[k - 1].time + search.events[k].time) / 2) if 0 < k < len(days) else "" for k in cuts]
-    spans = zip(middle[:-1], middle[1:], (weights[k][None] for k in cuts[:-1]), strict=True)
+    bounds = [day((search.events[k - 1].time + search.events[k].time) / 2) if 0 < k < len(days) else "" for k in cuts]
+    spans = zip(bounds[:-1], bounds[1:], (weights[k][None] for k in cuts[:-1]), strict=True)
     return [span for span in spans if span[2].any()]
 
 
@@ -213,9 +213,9 @@ def changes(before: dict, after: dict) -> list[str]:
     for word, causes in (("new", new - old), ("no longer named", old - new)):
         lines += [f"{word}: {words.title(cause)}, {_scope(scope)}" for cause, scope in sorted(causes)]
     known = {one["event"] for one in before["events"]}
-    fresh = [one for one in after["events"] if one["event"] not in known]
+    new_events = [one for one in after["events"] if one["event"] not in known]
     for k, name in enumerate(after["parameters"]):
-        for one in fresh:
+        for one in new_events:
             last = max((e for e in before["events"] if e["time"] < one["time"]), default=None, key=lambda e: e["time"])
             if last is None:
                 continue
@@ -233,8 +233,8 @@ def changes(before: dict, after: dict) -> list[str]:
                     f"{after['calibration']} {name} moved by {plus_minus(move, error)} {unit} since {day(last['time'])}"
                 )
                 lines.append(f"{text}: {'; '.join(reasons) or 'neither trim nor slope explains it'}")
-    was = {one["event"] for one in before["contradicting"]}
-    lines += [f"{one['event']} contradicts the others" for one in after["contradicting"] if one["event"] not in was]
+    earlier = {one["event"] for one in before["contradicting"]}
+    lines += [f"{one['event']} contradicts the others" for one in after["contradicting"] if one["event"] not in earlier]
     return lines
 
 
@@ -246,22 +246,22 @@ def shared(documents: Sequence[dict]) -> list[str]:
             names = {a["cause"], *a["tied_with"]} & {b["cause"], *b["tied_with"]}
             text = f"{one['satellite']} and {other['satellite']}: {', '.join(map(words.title, sorted(names)))} in both"
             if a["cause"] == b["cause"] and a["form"] == b["form"] and value.size == known.size:
-                away = value - known
-                chi2 = float(away @ np.linalg.solve(spread + error, away))
-                chance = float(np.exp(chi2_tail.log_tail(chi2, away.size)))
-                agree = "agree" if chance > one["level"] else "differ"
-                text += f", values {agree} (chi-square {chi2:.1f} of {away.size})"
+                difference = value - known
+                chi2 = float(difference @ np.linalg.solve(spread + error, difference))
+                p_value = float(np.exp(chi2_tail.log_tail(chi2, difference.size)))
+                agree = "agree" if p_value > one["level"] else "differ"
+                text += f", values {agree} (chi-square {chi2:.1f} of {difference.size})"
             lines += [text] * bool(names)
     return lines
 
 
 def _values(document):
     """(cause, values (r,), covariance (r, r)) of each cause with values of its own."""
-    place = 0
+    first = 0
     for one in document["causes"]:
         value = np.array([p["value"] for v in one["values"] for p in v["parameters"].values()])
-        own = slice(place, place + value.size)
-        place = own.stop
+        own = slice(first, first + value.size)
+        first = own.stop
         if value.size:
             yield one, value, np.array(document["covariance"])[own, own]
 
@@ -270,28 +270,28 @@ def page(document, moves, history) -> str:
     """HTML page of a joint search; moves {parameter: Moving}, no section of them if empty; history as of `report`."""
     drawn = replace(_motion_figure, arguments=(document, moves, history))
     ties = [{"named": one["cause"]} | tie for one in document["causes"] for tie in one["separation"]]
-    shared_by, apart = [], []
+    shared_by, by_event = [], []
     for one in document["causes"]:
-        held, repeats = "" if one["heldout"] is None else f"{one['heldout']:.0f}", one["repeats"]
-        cells = _scope(one["scope"]), f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""
+        heldout, repeats = "" if one["heldout"] is None else f"{one['heldout']:.0f}", one["repeats"]
+        cells = _scope(one["scope"]), f"{one['gain']:.0f}", heldout, probability(one["significance"]), "", ""
         shared_by.append([words.title(one["cause"]), *cells])
         for values in one["values"]:
             shared_by += parameter_rows((f"{n}, {values['of']}", *p.values()) for n, p in values["parameters"].items())
-        said = "repeats" if repeats["said"] else "does not repeat"
-        apart.append([words.title(one["cause"]), "", said, f"{repeats['chi2']:.1f} of {repeats['dof']}"])
+        repetition = "repeats" if repeats["said"] else "does not repeat"
+        by_event.append([words.title(one["cause"]), "", repetition, f"{repeats['chi2']:.1f} of {repeats['dof']}"])
         for own in one["by_event"]:
             known = [(name, quantity(**p)) for name, p in own["parameters"].items() if p["value"] is not None]
-            apart += [[None, f"{own['event']} {name}", text, ""] for name, text in known]
-    causes = [WORDS.table("causes", shared_by, tried=document["tried"]), WORDS.table("apart", apart)]
-    made = [
+            by_event += [[None, f"{own['event']} {name}", text, ""] for name, text in known]
+    causes = [WORDS.table("causes", shared_by, tried=document["tried"]), WORDS.table("apart", by_event)]
+    sections = [
         Section("How the calibration moves", [_motion_table(document), _event_table(document)], [drawn]),
         Section("Causes that events share", causes),
         Section("Ties", [WORDS.table("ties", ties)], notes=[WORDS.note("ties")]),
         Section("Contradictions", [WORDS.table("contradictions", document)], notes=[WORDS.note("alone")]),
     ]
-    made = [one for one in made[0 if moves else 1 :] if any(table.rows for table in one.tables)]
+    sections = [one for one in sections[0 if moves else 1 :] if any(table.rows for table in one.tables)]
     subtitle = WORDS.note("subtitle", **document)
-    return pages.page(document, made, {}, heading="What many events say together", subtitle=subtitle)
+    return pages.page(document, sections, {}, heading="What many events say together", subtitle=subtitle)
 
 
 @WORDS.figure()

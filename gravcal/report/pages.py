@@ -1,4 +1,4 @@
-"""Pages of the reports: what a calibration declares, drawn and written into one self-contained file.
+"""Pages of the reports: tables and figures that a calibration declares, written into one self-contained file.
 
 A calibration's page stands in one module, `gravcal/calibrations/<name>/page.py`, and what it says in words in a file
 beside it, `page.toml`: captions, heads and notes, labels and places of panels (`Words`). The module holds the rows of
@@ -64,7 +64,7 @@ def figure(*reads: str, caption: str) -> Callable[[Callable], Figure]:
 
 @dataclass(frozen=True)
 class Words:
-    """What a page says in words, as its TOML file has it, in tables by name; texts are Jinja templates."""
+    """Texts of a page from its TOML file, in tables by name; texts are Jinja templates."""
 
     #: fields of a `Table` but for its rows; of `strong` -1 is the last row. In place of heads there may be columns,
     #: [head, expression of the entries of a record] each, and `each`, the records as an expression of the document
@@ -76,10 +76,10 @@ class Words:
     forms: jinja2.Environment  #: of templates and expressions; filters are functions of `plain` and of the page
 
     def table(self, name: str, content: Sequence | Mapping, /, **values) -> Table:
-        """Table of rows, of records where there are columns, of a document where it says `each`.
+        """Table of content: rows; or records, if its TOML has "columns"; or a document, if it has "each".
 
-        Values are fields of the table, or known to its texts and cells. Of a mapping each record knows its "key", of
-        what is no record the "value", of all the number "k".
+        Values are fields of the table, or variables of its texts and cells. Cells see the entries of their record, its
+        number "k", its "key" in a mapping, and "value" if it is no record.
         """
         fields = self.tables[name] | {key: one for key, one in values.items() if key in Table.__dataclass_fields__}
         if "each" in fields:
@@ -100,7 +100,7 @@ class Words:
         One whose file names no panels makes its own and returns a matplotlib Figure.
         """
 
-        def declared(draw):
+        def declared(draw):  # Figure
             look = dict(self.figures[draw.__name__.lstrip("_")])
             caption = self.forms.from_string(look.pop("caption")).render()
             if "panels" not in look:
@@ -108,7 +108,7 @@ class Words:
             rows, columns = look.pop("panels")
 
             @wraps(draw)
-            def drawn(*inputs):
+            def drawn(*inputs):  # matplotlib Figure, None if all panels are empty
                 made, panels = grid(rows, columns, **look)
                 draw(np.squeeze(panels)[()], *inputs)
                 return made if any(panel.has_data() for panel in made.axes) else None
@@ -164,7 +164,7 @@ class Section:
 def report(calibration, body, products, checks, sections, *, event, settings, **about) -> tuple[dict, dict[str, str]]:
     """(result document, judged; {"result.json", "report.html": text}); see `documents.delivered`.
 
-    Sections are a function of the judged document; about is what else `page` takes.
+    Sections: function (judged document) -> [Section]; about: other keywords of `page`.
     """
     document = documents.delivered(calibration, body, products, checks, event=event, settings=settings)
     html = page(document, sections(document), products, **about)
@@ -185,8 +185,8 @@ def page(
     """Page (HTML) of an event from its judged document; the same content gives the same text.
 
     Products are {stage or "stage.variant": Dataset or None}, badges (title, good, text) each, lines title and
-    text of what was delivered in a file of its own. The heading says what was calibrated, the subtitle what was looked
-    at, good is None where that is not asked.
+    text of a delivered file such as vector lines. The heading names the calibration, the subtitle the data; good:
+    verdict met, missed, or None where that is not asked.
     """
     numbers = itertools.count(1)
     shown = [_shown(section, document, products, numbers) for section in sections]
@@ -276,7 +276,7 @@ def _marked(section, origin):
     """Section (dict); captions of tables and figures with "printed" say that printed values are of measured data."""
     mark = f" What is printed belongs to measured data, this event is {origin}."
 
-    def marked(one):
+    def marked(one):  # table or figure (dict)
         words = " ".join([one["caption"], *one.get("heads", ())]).lower()
         return one | {"caption": one["caption"] + mark * ("printed" in words)}
 

@@ -1,4 +1,4 @@
-"""Plain values of a result document (what is not known becomes null, never NaN), and numbers as people read them."""
+"""Plain values of a result document (not finite becomes null, never NaN), and numbers formatted for readers."""
 
 import csv
 import datetime
@@ -20,7 +20,7 @@ def number(value):
 
 
 def numbers(values):
-    """Nested lists of an array (...) with None for what is not finite."""
+    """Nested lists of an array (...), None in place of NaN and infinity."""
     return as_plain(np.asarray(values, dtype=float).tolist())
 
 
@@ -68,7 +68,7 @@ def as_plain(value):
 
 
 def csv_text(heads, rows):
-    """Table as the text of a CSV file; what is None is empty."""
+    """CSV text of heads and rows; None is an empty cell."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([heads, *rows])
     return text.getvalue()

@@ -28,7 +28,7 @@ OF_ONE_DAY = {"truth"}  # settings that name a file of one day: no choice of pro
 
 
 def chosen(calibration, settings, name=None):
-    """Parameters of a run and the name of its configuration; nothing is recorded.
+    """Parameters of a run, with its settings and the name of its configuration; nothing is written.
 
     settings : {name: text or value} as of ``--set`` and ``--model``; {}: those of the recorded experiment ``name``.
     """
@@ -125,7 +125,7 @@ def promoted():
 
 
 def promote(calibration, name, why, who=None):
-    """Make a configuration operational and return the promotion; "catalogue" takes back what was promoted."""
+    """Make a configuration operational and return the promotion (dict); "catalogue" reverts all promotions."""
     settings = settings_of(calibration, name)
     _with(parameters(calibration), settings, name)
     if not why.strip():
@@ -202,7 +202,7 @@ def _recorded(calibration, name):  # {"settings": ...} of the file of an experim
     return recorded
 
 
-def _refuse(calibration, name, fault, expected, remedy):
+def _refuse(calibration, name, fault, expected, remedy):  # CatalogError on the configuration ``name``
     where = f"configuration {name} of {calibration}"
     refuse(where, fault, expected, remedy, CatalogError, configuration=name)
 

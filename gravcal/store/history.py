@@ -50,7 +50,7 @@ def other_versions_said(reasons):
 
 
 def remakes_versions():
-    """True if products that other versions made are to be made again."""
+    """True if products made by other versions of the numerical libraries are to be made again (`REMAKE`)."""
     return os.environ.get(REMAKE, "0") not in ("", "0")
 
 
@@ -222,7 +222,7 @@ def recorded(flow, event=None, planned=()):
     record |= {"status": "delivered", "started": started, "stages": {}}
     begin = time.perf_counter()
 
-    def listener(_call, state, ref):
+    def listener(_call, state, ref):  # adds a stage, "cached" or "made", to the record
         record["event"] = record["event"] or ref.event
         other = other_versions(ref) if state == "cached" else []
         stage = {"state": "reused" if state == "cached" else state, "key": ref.key}

@@ -142,7 +142,7 @@ def _problems(folder):  # list of texts: record, bytes and content of a product 
 
 
 def prune(keep_s=None, remove=False, quota=None, configuration=None):
-    """[(path, bytes)] unused: products that no link or pin leads to, directly or as input; what was set aside; drafts.
+    """[(path, bytes)] unused: products that no link or pin needs, directly or as input; quarantine, locks and drafts.
 
     Younger ones than `keep_s`, by default an hour, stay. Of a store with more bytes than its quota the oldest go first,
     none younger than an hour. Links of experiments whose names fit the pattern `configuration`, and that nobody has
@@ -196,7 +196,7 @@ def said(gone, removed, quota_gb=None):
 
 
 def size():
-    """Bytes of the products of the store and of what was set aside."""
+    """Bytes of the products of the store and of its quarantine."""
     return sum(_size(location.folder() / name) for name in ("objects", "quarantine"))
 
 

@@ -60,7 +60,7 @@ def prepare():
 
 
 def new_aside():
-    """Path for a folder that is being made or removed; what a killed process leaves there goes with the next prune."""
+    """New path below tmp/ for a folder being made or removed; `prune` removes what a killed process left there."""
     return folder() / "tmp" / uuid.uuid4().hex
 
 

@@ -1,4 +1,4 @@
-"""Products: what each kind holds, whether a dataset holds it, and reading and writing them.
+"""Products: schemas of their kinds, checks of a Dataset against these, and reading and writing netCDF.
 
 A schema is plain data, so a science module can state its own without importing this one:
 

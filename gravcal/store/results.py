@@ -80,7 +80,7 @@ def searched(document):
 def printed_vector(unit):
     """Function: Published record of a vector -> rows (axis, unit, value, sigma or None, "") in ``unit``."""
 
-    def rows(one):
+    def rows(one):  # one: catalog.Published
         units = one.unit.split(", ")
         for number, axis in enumerate(AXES):
             factor = METRES[units[number] if len(units) == 3 else units[0]] / METRES[unit]

@@ -284,7 +284,7 @@ def reference(record, folder):
 def set_aside(folder, reason):
     """Move a product folder to quarantine with its reason in a text file; one already gone is no error.
 
-    Of a folder that is reached through a link this link is moved, what it leads to is left alone.
+    Of a folder that is reached through a link, the link itself is moved and its target is left alone.
     """
     if KEY.fullmatch(folder.name) and folder.parent.is_symlink():
         folder = folder.parent

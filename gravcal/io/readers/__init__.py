@@ -1,7 +1,7 @@
 """Level-1 files as xarray Datasets: one table per product, native values and tags, accelerometer axes moved to SRF.
 
 Headers are the YAML one of GRACE-FO RL04 and the 80-column one of GRACE and the constants. Binary records are numpy
-structures, big endian and packed. ASCII ones polars reads at once where all are alike; what varies is sorted by layout.
+structures, big endian and packed. ASCII records are read by polars at once if all are alike, else layout by layout.
 Doubtful records keep their values and get a bit in ``flag``.
 """
 
@@ -168,7 +168,7 @@ def mission_of(satellite: str) -> str:
 
 
 def reordered(table: Product, swapped: tuple[str, ...]) -> Product:
-    """The same table with two columns exchanged."""
+    """Copy of a table with two columns exchanged; swapped: their names, or ()."""
     if not swapped:
         return table
     other = dict(zip(swapped, reversed(swapped), strict=True))
@@ -310,7 +310,7 @@ def bits_value(token: str, column: Column, row: int = 0) -> int:
 def _by_distinct(series, column):
     """Array (n,) of bits or characters from a series; each distinct token is converted once, as there are few."""
 
-    def convert(token, row):
+    def convert(token, row):  # int of bits, or bytes of a character; Malformed if it is neither
         if column.kind in BITS:
             return bits_value(token, column, row)
         if len(token) != 1 or not token.isascii():
