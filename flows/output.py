@@ -33,13 +33,13 @@ COLOURS = {
 
 
 def say(text=""):
-    """One line on standard output, at once."""
+    """Write a line to standard output, unbuffered."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
 
 
 def note(text):
-    """One line on standard error, for those who wait."""
+    """Write a line of progress to standard error, unbuffered."""
     sys.stderr.write(f"{text}\n")
     sys.stderr.flush()
 

@@ -319,7 +319,7 @@ class Published:
     note: str
 
     def __getattr__(self, name):
-        """Label of that name: ``record.variant``."""
+        """Text of the label of that name: ``record.variant``."""
         if name in object.__getattribute__(self, "labels"):
             return self.labels[name]
         raise AttributeError(name)
@@ -419,7 +419,7 @@ class Parameters:
         return self.entry(name).value
 
     def entry(self, name):
-        """Parameter with unit, range and reason."""
+        """Parameter of that name; CatalogError names the nearest if there is none."""
         if name not in self.entries:
             raise _unknown("parameter", name, sorted(self.entries), where=self.calibration)
         return self.entries[name]

@@ -1,4 +1,4 @@
-"""Stages of the centre-of-mass calibration; the science is in `gravcal/calibrations/com_offset`."""
+"""Stages of the centre-of-mass calibration: Datasets to Dataset, by `gravcal/calibrations/com_offset`."""
 
 from gravcal.calibrations import schemas
 from gravcal.store import product
@@ -17,7 +17,7 @@ ALIGNED, SMOOTHED, ANGULAR = (f"com_offset.{name}" for name in ("align", "attitu
 
 @stage(reads=["ingest"], writes="com_offset.detect", version=2)
 def detect(magnetometer, **settings):
-    """Manoeuvres in the torquer currents."""
+    """Manoeuvres (kind, start, stop) detected in the torquer currents."""
     return aligning.detect(magnetometer, **settings)
 
 
@@ -77,7 +77,7 @@ def equations(aligned, smoothed, angular, **settings):
 
 @stage(reads=["com_offset.equations", "com_offset.noise"], writes="com_offset.solve", version=3)
 def solve(resampled, measured, *, drift_degree, noise_order):
-    """Offset of every manoeuvre from one angular acceleration."""
+    """Offset of every manoeuvre by one angular acceleration; measured: noise of the linear accelerations."""
     return estimating.solve(resampled, measured, drift_degree=drift_degree, noise_order=noise_order)
 
 

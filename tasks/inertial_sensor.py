@@ -1,4 +1,4 @@
-"""Stages of the inertial-sensor calibration; the science is in `gravcal/calibrations/inertial_sensor`."""
+"""Stages of the inertial-sensor calibration: Datasets to Dataset, by `gravcal/calibrations/inertial_sensor`."""
 
 import functools
 
@@ -18,19 +18,19 @@ KINDS = product.registered("inertial_sensor", **schemas.of("inertial_sensor.toml
 
 @stage(reads=["file"], writes="inertial_sensor.detect", version=1)
 def detect(*attitudes, **settings):
-    """Swings and rolls in the attitude."""
+    """Swings and rolls detected in the attitude files (ATT)."""
     return records.detect(*(functools.partial(files.read, one) for one in attitudes), **settings)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.align", version=1)
 def align(detected, *observed, **settings):
-    """Record round the swing."""
+    """Voltages, attitude and orbit about the swing, from the files of its days."""
     return records.align(detected, *files.between(observed), **settings)
 
 
 @stage(reads=["inertial_sensor.align"], writes="inertial_sensor.scale", version=2)
 def scale(aligned, **settings):
-    """Angular and linear scale factors, tracker delay."""
+    """Angular and linear scale factors, and delay of the star tracker."""
     return estimating.scale(aligned, **settings)
 
 
@@ -42,7 +42,7 @@ def offset(aligned, scaled, **settings):
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.segment", version=2)
 def segment(detected, *observed, **settings):
-    """Roll reduced to bins, day by day."""
+    """Record of the roll averaged in bins, day by day."""
     return records.segment(detected, files.loaders(observed), **settings)
 
 

@@ -1,4 +1,4 @@
-"""Stages of the ranging calibration; the science is in `gravcal/calibrations/kbr_phase_centre`."""
+"""Stages of the ranging calibration: Datasets to Dataset, by `gravcal/calibrations/kbr_phase_centre`."""
 
 from gravcal.calibrations import schemas
 from gravcal.store import product
@@ -23,7 +23,7 @@ def align(*observed, **settings):
 
 @stage(reads=[ALIGN], writes=POINTING, version=1)
 def pointing(aligned, **settings):
-    """Observation geometry, and the wiggles in the pointing angles."""
+    """Line of sight in both body frames, and the wiggles (attitude manoeuvres) in the pointing angles."""
     return model_science.pointing(aligned, **settings)
 
 
@@ -41,7 +41,7 @@ def noise(equations, **settings):
 
 @stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=3)
 def solve(equations, measured, *, variant, **settings):
-    """Phase centres from one observable."""
+    """Phase centres of both satellites from one observable (variant); measured: its noise."""
     return estimate_science.solve(equations, measured, variant=variant, **settings)
 
 

@@ -1,4 +1,4 @@
-"""Stages of the magnetometer calibration; the science is in `gravcal/calibrations/magnetometer`."""
+"""Stages of the magnetometer calibration: Datasets to Dataset, by `gravcal/calibrations/magnetometer`."""
 
 from gravcal.calibrations import schemas
 from gravcal.store import product

@@ -1,4 +1,4 @@
-"""Stages of the calibration by routine pointing; the science is in `gravcal/calibrations/ranging`."""
+"""Stages of the calibration by routine pointing: Datasets to Dataset, by `gravcal/calibrations/ranging`."""
 
 from gravcal.calibrations import schemas
 from gravcal.store import product
@@ -16,7 +16,7 @@ ALIGNED = [f"kbr_phase_centre.{name}" for name in ("align", "pointing", "observa
 
 @stage(reads=ALIGNED, writes="ranging.align", version=5)
 def align(aligned, pointed, equations, **settings):
-    """Quiet ranging minus orbit, and smoothed pointing."""
+    """Quiet ranging minus orbit, with design columns by smoothed pointing."""
     return model.align(aligned, pointed, equations, **settings)
 
 

@@ -1,4 +1,4 @@
-"""Stages of a routine day: its accelerometer is in `gravcal/calibrations/routine`, the rest with its own names."""
+"""Stages of a routine day, Datasets to Dataset: accelerometer in `gravcal/calibrations/routine`, others in theirs."""
 
 import importlib
 
@@ -35,7 +35,7 @@ def checks(estimated, **settings):
 
 @stage(reads=["*"], writes="routine.report", version=4)
 def report(*products, names, missing, event, settings):
-    """Result document and page of all instruments."""
+    """Result document and page of all instruments; missing: {instrument: reason}."""
     pages = {"accelerometer": page.PAGE, "magnetometer": magnetometer.PAGE}
     pages |= {"thrusters": thrusters.PAGE, "ranging": ranging.PAGE}
     return page.report(*products, names=names, missing=missing, pages=pages, event=event, settings=settings)
@@ -47,6 +47,6 @@ OBSERVATIONS = {"accelerometer": "gravcal.calibrations.routine.observations"} | 
 
 @stage(reads=["*.discovery"], writes="routine.discovery_report", version=3, also=[*OBSERVATIONS.values()])
 def discovered(*searches, parts, missing, event, settings):
-    """Result document and page of the searches of all parts."""
+    """Result document and page of the discoveries of all instruments (parts)."""
     reported = {part: importlib.import_module(name).REPORT for part, name in OBSERVATIONS.items()}
     return page.discovered(*searches, parts=parts, missing=missing, reported=reported, event=event, settings=settings)

@@ -1,4 +1,4 @@
-"""Stages of the thruster calibration; the science is in `gravcal/calibrations/thrusters`."""
+"""Stages of the thruster calibration: Datasets to Dataset, by `gravcal/calibrations/thrusters`."""
 
 from gravcal.calibrations import schemas
 from gravcal.store import product

@@ -169,7 +169,7 @@ class Planner:
 
 
 def warn(message):
-    """One line on standard error."""
+    """Write "gravcal: message" to standard error."""
     sys.stderr.write(f"gravcal: {message}\n")
 
 
@@ -253,14 +253,14 @@ class Submitter:
         self.pending, self.listener = [], listener
 
     def __call__(self, call):
-        """Reference to the product of a submitted task."""
+        """Pending reference to the product of a Call, submitted as a Prefect task."""
         waits = [item.future if isinstance(item, Pending) else item for item in call.inputs]
         future = _task(call, self.listener).submit(*waits)
         self.pending.append(Pending(call.event, call.stage.writes, call.variant, future=future))
         return self.pending[-1]
 
     def resolve(self, ref):
-        """Reference of the finished product."""
+        """ProductRef of the finished product of a Pending, after all tasks; others are returned as they are."""
         if not isinstance(ref, Pending):
             return ref
         self.raise_first()

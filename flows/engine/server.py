@@ -156,7 +156,7 @@ def running(server):
 
 
 def end(server):
-    """End a child that was started."""
+    """End the child process of a Server, if it has one."""
     if server.child is None:
         return
     server.gate.close()
@@ -229,7 +229,7 @@ def ask(url, path, question=None, method=None):
 
 
 def _wait_for(server):
-    """Wait until the server answers; then others may start theirs."""
+    """Wait until the server answers, then release its lock file; Unavailable if it ends or takes too long."""
     deadline = time.monotonic() + START_LIMIT_S
     while time.monotonic() < deadline and (server.child is None or server.child.poll() is None):
         with contextlib.suppress(OSError):

@@ -33,7 +33,7 @@ def home(request):
 
 
 def timeline(request):
-    """Results of a calibration over the years."""
+    """Page with the results of a calibration over the years."""
     calibration = _calibration(request)
     points = years.points(calibration)
     letters = sorted({point.satellite for point in points})
@@ -41,7 +41,7 @@ def timeline(request):
 
 
 def timeline_figure(request):
-    """Figure of one satellite over the years."""
+    """JSON figure of the results of one satellite over the years."""
     return JSONResponse(_there(plots.over_years(_calibration(request), request.path_params["satellite"])))
 
 
@@ -155,12 +155,12 @@ def product(request):
 
 
 def figure(request):
-    """Figure of a variable."""
+    """JSON figure of a variable, as of `plots.figure`."""
     return JSONResponse(plots.figure(_wish(request, request.path_params["variable"])))
 
 
 def data(request):
-    """Data of a figure between two places of its axis."""
+    """JSON data of a figure between the coordinates "from" and "to", as drawn; HTTP 400 without both."""
     start, stop = _ends(request)
     if start is None or stop is None:
         raise HTTPException(400, "give from and to, two numbers")
@@ -168,7 +168,7 @@ def data(request):
 
 
 def samples(request):
-    """Data of a figure as CSV, every sample between two places of its axis."""
+    """Data of a figure as CSV, every sample between the coordinates "from" and "to", if any."""
     wish = _wish(request, request.path_params["variable"])
     return _csv(plots.table(wish, *_ends(request)), wish.variable)
 

@@ -170,7 +170,7 @@ class Series:
 
     @functools.cached_property
     def step(self) -> float:
-        """Typical step of the coordinate."""
+        """Median step of the coordinate."""
         return _typical(self.x)
 
     def filled(self) -> float:
@@ -191,8 +191,8 @@ def view(whole, start=None, stop=None, bins=BINS):
 
     There are at most four for each bin; y is NaN where the line breaks.
     """
-    inside = _inside(whole.x, start, stop)
-    x, y = whole.x[inside], whole.y[inside]
+    part = _inside(whole.x, start, stop)
+    x, y = whole.x[part], whole.y[part]
     if x.size > 2 * bins:  # lowest and highest value of each bin, at its first coordinate; none reaches over a gap
         gaps = np.flatnonzero(np.diff(x) > GAP * whole.step) + 1
         starts = np.linspace(0, x.size, bins, endpoint=False).astype(int)

@@ -226,7 +226,7 @@ def find(folder, product, satellite, date) -> LevelOneFile | None:
 
 
 def limit() -> int:
-    """Bytes that one file may unpack to."""
+    """Most bytes to which one file may be unpacked: GRAVCAL_UNPACKED_LIMIT."""
     setting = os.environ.get("GRAVCAL_UNPACKED_LIMIT", "256")
     try:
         most = int(float(setting) * MEGABYTE)

@@ -137,7 +137,7 @@ def page(document):
 
 
 def _changed(first, second, without=frozenset()):
-    """Entries that differ: {name: [first, second]}."""
+    """{name: [first, second]} of the entries of two dicts (or None) that differ, but those of ``without``."""
     first, second = first or {}, second or {}
     names = sorted((set(first) | set(second)) - without)
     return {n: [first.get(n), second.get(n)] for n in names if first.get(n) != second.get(n)}

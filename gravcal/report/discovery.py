@@ -100,7 +100,7 @@ def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: s
 
 
 def sections(search: xr.Dataset, outcome: Outcome, reported: Reported) -> list[Section]:
-    """Sections of the page of a discovery."""
+    """Sections of the page of a discovery: cause, result, detection limits, residuals, what was tried."""
     here = [
         Figure(partial(reading, number=k), ("discovery",), caption(search, k, reported.readings))
         for k in range(len(outcome.findings)) or (-1,)  # of the least likely band

@@ -208,7 +208,7 @@ def _refuse(calibration, name, fault, expected, remedy):  # CatalogError on the 
 
 
 def _broken(path, fault):
-    """CatalogError for a record that cannot be read."""
+    """CatalogError (to raise) for a configuration file that cannot be read."""
     return CatalogError(f"{path}: {fault}; expected a record as gravcal writes it. Put it back, or remove the file.")
 
 

@@ -100,7 +100,7 @@ class Product:
         return self.columns[-1].kind == "text"
 
     def column(self, name: str) -> Column:
-        """The column of that name."""
+        """Column of that name: fixed, optional or repeated."""
         return next(c for c in (*self.columns, *self.optional, *self.repeated) if c.name == name)
 
     def following(self, key: int) -> tuple[Column, ...]:
@@ -163,7 +163,7 @@ def _frozen(value):  # lists as tuples, nested
 
 
 def mission_of(satellite: str) -> str:
-    """Mission a satellite letter belongs to."""
+    """Mission of a satellite letter: "GRACE" for A, B, X, else "GRACE-FO"."""
     return "GRACE" if satellite in tuple("ABX") else "GRACE-FO"
 
 
