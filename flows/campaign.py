@@ -82,14 +82,14 @@ def run(campaign, sources, listener=None):
     for source, row in zip(sources, rows, strict=True):  # one that failed says whether its records are simulated
         if row["status"] == "failed" and hasattr(source, "folder"):
             row["origin"] = command.origin_of(source)
-    counts = collections.Counter(row["status"] for row in rows)
+    by_status = collections.Counter(row["status"] for row in rows)
     return {
         "schema_version": schemas.VERSION,
-        "status": next((status for status in ORDER if counts[status]), "no_data"),
+        "status": next((status for status in ORDER if by_status[status]), "no_data"),
         "calibration": campaign.calibration,
         "configuration": campaign.chosen.configuration,
         "origin": product.origins_together(row.get("origin", "") for row in rows) or product.MEASURED,
-        "counts": dict(counts),
+        "counts": dict(by_status),
         "events": rows,
     }
 

@@ -178,8 +178,8 @@ def many_sources(calibration, satellite, data):
             whose = f" of satellite {satellite}" if satellite else ""
             refuse(data, f"no Level-1 file that begins an event{whose}", "one", "Give another folder.")
         return [_source(one, None, data=folder, satellite=letters, date=date) for folder, letters, date in days]
-    own = catalog.events(calibration=calibration)
-    names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]
+    known_events = catalog.events(calibration=calibration)
+    names = [event.name for event in known_events if satellite is None or set(satellite) & set(event.letters)]
     return [_source(one, name, data=None, satellite=None, date=None) for name in names]
 
 
@@ -222,8 +222,8 @@ def report_files(event, out, name=None):
             there = f"; experiments there: {', '.join(others)} (--as NAME)" if others else ""
             whose = f"experiment {name}" if name else "operational configuration"
             raise ProductError(f"event {event}: there is no report of the {whose} in {location.folder()}{there}.")
-        near = difflib.get_close_matches(event, [path.name for path in (location.folder() / "latest").glob("*")], 3)
-        hint = f" Did you mean {', '.join(near)}?" if near else ""
+        similar = difflib.get_close_matches(event, [path.name for path in (location.folder() / "latest").glob("*")], 3)
+        hint = f" Did you mean {', '.join(similar)}?" if similar else ""
         raise ProductError(f"event {event}: there is no report in {location.folder()}.{hint} Make it with gravcal run.")
     files = [link / name for link, record in reports for name in sorted([*record["files"], "product.nc"])]
     if out is None:

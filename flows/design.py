@@ -104,11 +104,11 @@ def noise_of(one, satellite, chosen):
         if set(timeline.letters_of(event)) & set(letters):
             origin = store_index.origin(folder / "product.nc")
             events.append((origin == MEASURED, re.search(r"\d{4}-.*|$", event).group(), event, origin))
-    usual = catalog.parameters(f"simulate_{one.name}")
+    simulated = catalog.parameters(f"simulate_{one.name}")
     for *_, event, origin in sorted(events, reverse=True):
         records = [store.newest_record(event, stage) for stage in one.noise]
         settings = all(records) and one.planning.measured_noise(
-            usual, chosen, *(read(store.find(r["key"])) for r in records)
+            simulated, chosen, *(read(store.find(r["key"])) for r in records)
         )
         if settings:
             return {"of": f"{event} ({origin})", "settings": settings}
@@ -182,7 +182,7 @@ class Place:
     def best(self, minutes, causes):
         """(plan of the session with the least errors, its summary, that of the published one), keys as of `judged`."""
         judging_seeds, named = range(FLIGHTS + 1, FLIGHTS + 1 + MOST), set(self.limits["parameters"])
-        old, before = self.errors(self.one.design, judging_seeds, causes, known=named)
+        old, old_apart = self.errors(self.one.design, judging_seeds, causes, known=named)
         plans, names = self.one.planning.sessions(self.limits, minutes * 60), named or set(old)
         if not names <= set(old):
             refuse("parameters", ", ".join(names), f"of {', '.join(old)}", "Correct the constraint.")
@@ -205,14 +205,14 @@ class Place:
             shortfall = f"{len(plans)} sessions of {minutes} minutes, none of which tells all"
             refuse(f"design {self.one.name}", shortfall, "one that does", "Give more time or loosen a constraint.")
         plan = tried[int(np.argmin(losses))][0]
-        new, after = self.errors(plan, judging_seeds, causes, known=named)
+        new, new_apart = self.errors(plan, judging_seeds, causes, known=named)
         summary = lambda one, apart: {  # noqa: E731
             "sigma": {name: sigma for name, (sigma, *_) in one.items()},
             "unit": {name: unit for name, (*_, unit) in one.items()},
             "trace": loss(one, size),
             "separated": _odds(apart, self.tied),
         }
-        return plan, summary(new, after), summary(old, before)
+        return plan, summary(new, new_apart), summary(old, old_apart)
 
     def errors(self, plan, seeds, causes=(), known=None):
         """({value: (mean sigma, rms error, unit)}, {pair of causes: mean chi-square}) of simulated flights, one a seed.
@@ -220,12 +220,12 @@ class Place:
         None: not determined. Chi-square: `design.apart`, expected, of the first `FLIGHTS` flights. With `known` names
         (none: all) no more are flown than their mean sigma needs.
         """
-        rows, apart = [], []
+        rows, chi2 = [], []
         for seed in seeds:
             source, truth = self.flight(f"flight-{seed}", plan, seed)
             values = list(self.one.foretold(self.one.document(self.one.flow(source, self.chosen(plan)))))
-            if causes and len(apart) < FLIGHTS:
-                apart.append(design.apart(self.observed(source, plan)[0], causes))
+            if causes and len(chi2) < FLIGHTS:
+                chi2.append(design.apart(self.observed(source, plan)[0], causes))
             shutil.rmtree(self.folder / f"flight-{seed}")
             if not values:
                 refuse(f"flight {seed}", "no manoeuvre", "those of the plan", "Loosen a constraint.")
@@ -237,7 +237,7 @@ class Place:
             known = [(v.sigma, v.value - true) for v, true in column if v.sigma is not None]
             mean = np.sqrt(np.mean(np.square(known), axis=0)).tolist() if len(known) == len(rows) else (None, None)
             means[column[0][0].label] = *mean, column[0][0].unit
-        return means, {pair: float(np.mean([one[pair] for one in apart])) for pair in itertools.combinations(causes, 2)}
+        return means, {pair: float(np.mean([one[pair] for one in chi2])) for pair in itertools.combinations(causes, 2)}
 
     @property
     def tied(self):
@@ -266,10 +266,10 @@ class Place:
 
     def observed(self, source, plan):
         """(Observations or None, {name: Dataset} of the calibration) of a flight of a plan."""
-        looked, chosen = self.one.discovery, self.chosen(plan)
-        datasets = {name: read(ref) for name, ref in looked.baseline(source, chosen).items()}
-        settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
-        return discovery.observations_of(datasets.values(), looked.observations, datasets, settings), datasets
+        searched, chosen = self.one.discovery, self.chosen(plan)
+        datasets = {name: read(ref) for name, ref in searched.baseline(source, chosen).items()}
+        settings = searched.settings(source, chosen) | searched.chosen_for(chosen)[0]
+        return discovery.observations_of(datasets.values(), searched.observations, datasets, settings), datasets
 
     def flown(self, label, plan, seed, causes):
         """`design.Flown`: information of each manoeuvre of a simulated flight, at any time of the day."""
@@ -290,27 +290,27 @@ class Place:
         self.say(f"{flights} flights to check")
         errors, _ = self.errors(plan, range(101, 101 + flights))
         sigma, error, _ = zip(*errors.values(), strict=True)
-        made = {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
+        achieved = {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
         if not causes:
-            return made
+            return achieved
         search, rng = discover.as_calibration(self.one.name), np.random.default_rng(flights)
         rows = {pair: np.zeros(3, dtype=int) for pair in itertools.combinations(causes, 2)}
         for k, slug in zip(range(flights), itertools.cycle(causes), strict=False):
             self.say(f"search {k + 1} of {flights}: {slug}")
             sizes = effect(slug).plausible(lambda: rng.choice([-1, 1]))
-            acts = {f"{slug}.{name}": value for name, value in sizes.items()}
-            source, _ = self.flight(f"search-{k}", plan, 201 + k, effects=acts)
+            strengths = {f"{slug}.{name}": value for name, value in sizes.items()}
+            source, _ = self.flight(f"search-{k}", plan, 201 + k, effects=strengths)
             findings = search.document(search.flow(source, self.chosen(plan)))["findings"]
-            sets = [{one["cause"], *one["tied_with"]} for one in findings]
+            named_sets = [{one["cause"], *one["tied_with"]} for one in findings]
             for pair, row in rows.items():
                 if slug in pair:
                     (other,) = set(pair) - {slug}
-                    right = any(slug in one and other not in one for one in sets)
-                    row += 1, right, not right and any(other in one for one in sets if slug not in one)
+                    is_right = any(slug in one and other not in one for one in named_sets)
+                    row += 1, is_right, not is_right and any(other in one for one in named_sets if slug not in one)
             shutil.rmtree(self.folder / f"search-{k}")
         names = "flights", "separated", "falsely"
         counts = {pair: dict(zip(names, map(int, row), strict=True)) for pair, row in rows.items()}
-        return made | {"separated": [{"causes": list(pair)} | one for pair, one in counts.items()]}
+        return achieved | {"separated": [{"causes": list(pair)} | one for pair, one in counts.items()]}
 
 
 def _settled(rows, names):

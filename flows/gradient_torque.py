@@ -25,22 +25,22 @@ TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the l
 @flow(name="gradient_torque")
 def calibrate(source, chosen):
     """ProductRef of the report: drag by two sensors, and by one with the printed and with the corrected equations."""
-    places = daily.sensor_positions(daily.sgrs_file(source.folder, source.date))
-    place = places[min(chosen.single_sensor, len(places)) - 1]  # two sensors need two, the printed one no zero
-    methods = ["two_sensor"] * (len(places) == 2) + ["one_sensor_published"] * bool(np.abs(place).min() > 1e-9)
+    positions = daily.sensor_positions(daily.sgrs_file(source.folder, source.date))
+    position = positions[min(chosen.single_sensor, len(positions)) - 1]  # two sensors need two, the printed one no zero
+    methods = ["two_sensor"] * (len(positions) == 2) + ["one_sensor_published"] * bool(np.abs(position).min() > 1e-9)
     methods.append("one_sensor")
     recorded, field = _recorded(source, chosen)
     solved = functools.partial(_solved, field=field, chosen=chosen, methods=methods)
     observed, *added = DISCOVERY.given("gradient_torque", source, chosen, recorded, solved)
     modelled, drags = _solved(observed, field, chosen, methods, "", *added)
-    known = []
+    truths = []
     if chosen.truth:
         file = daily.other_file(Path(chosen.truth).expanduser(), "TRUTH", source.date)
-        clean = gradient_torque.ingest(file, event=source.event)
+        noise_free = gradient_torque.ingest(file, event=source.event)
         truth = gradient_torque.truth(file, event=source.event, variant="")
-        known = [truth, *_solved(clean, field, chosen, methods, ".clean")[1]]
+        truths = [truth, *_solved(noise_free, field, chosen, methods, ".clean")[1]]
     torque = gradient_torque.torque(modelled, observed, field, **_settings("torque", chosen))
-    combined = gradient_torque.combine(modelled, *drags, *known, methods=methods, **_settings("combine", chosen))
+    combined = gradient_torque.combine(modelled, *drags, *truths, methods=methods, **_settings("combine", chosen))
     values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
     checked = gradient_torque.checks(modelled, recorded, **_settings("checks", chosen))
     return gradient_torque.report(combined, torque, modelled, checked, *drags, event=source.event, settings=values)

@@ -79,17 +79,17 @@ def result(document, ref, json_path, truth=None):
         say(f"Simulated event {document['event']}: offset from proof mass to centre of mass, in micrometres")
     else:
         say(f"{document['event']}: {document['status']}{'' if name == 'operational' else f' (experiment {name})'}")
-    known, variants = (truth or {}).get("offset_um"), document.get("variants") or {}
+    true_um, variants = (truth or {}).get("offset_um"), document.get("variants") or {}
     rows = []
     for variant, one in variants.items():
         pairs = list(zip(one["offset_um"], one["sigma_um"], strict=True))
         cells = ["undetermined" if v is None else f"{v:.2f} +- {s:.2f}" for v, s in pairs]
-        errors = ["" if v is None else f"{(v - t) / s:+.2f}" for (v, s), t in zip(pairs, known or (), strict=False)]
+        errors = ["" if v is None else f"{(v - t) / s:+.2f}" for (v, s), t in zip(pairs, true_um or (), strict=False)]
         rows.append([variant, *cells, *errors])
-    if known:
-        rows.append(["truth", *[f"{value:.2f}" for value in known], "", "", ""])
+    if true_um:
+        rows.append(["truth", *[f"{value:.2f}" for value in true_um], "", "", ""])
     if rows:
-        errors = [f"error/sigma {axis}" for axis in plain.AXES] if known else []
+        errors = [f"error/sigma {axis}" for axis in plain.AXES] if true_um else []
         table(["variant", *[f"{axis} +- sigma (um)" for axis in plain.AXES], *errors], rows)
         say("sigma: noise as measured; errors of the verdict hold those of inertia and dipole per current as well")
     if document.get("method", "gravcal") != "gravcal":
@@ -230,10 +230,10 @@ def design(document, out, json_path):
     """Print a design: JSON document, or its manoeuvres, and errors and odds compared with the published session."""
     if not delivered(document, json_path):
         return
-    short = lambda one: f"{one:.4g}" if isinstance(one, float) else str(one)  # noqa: E731
-    shown = lambda one: ", ".join(map(short, one)) if isinstance(one, list) else short(one)  # noqa: E731
+    number = lambda one: f"{one:.4g}" if isinstance(one, float) else str(one)  # noqa: E731
+    cell = lambda one: ", ".join(map(number, one)) if isinstance(one, list) else number(one)  # noqa: E731
     heads = ["count", "kind", *(name for name in document["manoeuvres"][0] if name not in ("count", "kind"))]
-    table(heads, [[shown(one[name]) for name in heads] for one in document["manoeuvres"]])
+    table(heads, [[cell(one[name]) for name in heads] for one in document["manoeuvres"]])
     new, old, achieved = document["design"], document["published"], document.get("verified")
     heads = [
         "sigma, noise alone",
@@ -250,8 +250,8 @@ def design(document, out, json_path):
         rows = [[*row, digits(sigma), digits(error)] for row, sigma, error in pairs]
     table(heads, rows)
     if old["trace"]:  # it says something of what is asked for
-        less = 100 * (1 - new["trace"] / old["trace"])
-        said = "not less than that of" if less < 0.5 else f"{less:.0f} % below"
+        reduction = 100 * (1 - new["trace"] / old["trace"])
+        said = "not less than that of" if reduction < 0.5 else f"{reduction:.0f} % below"
         say(f"trace of the covariance: {said} the published session")
     say(f"noise, of flights too: that of {document['noise']['of']}")
     rows = [

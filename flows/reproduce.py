@@ -36,28 +36,28 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
     truth, which a paper without public data always is. A table of many dates has those that are there.
     """
     paper, one = papers()[name], command.record(name)
-    made = simulated or not (paper["public"] or data)
+    is_simulated = simulated or not (paper["public"] or data)
     out.mkdir(parents=True, exist_ok=True)
     folder = data or out / "data"
-    if made:
+    if is_simulated:
         invent(name, folder, out / "dates", out)
     elif data is None:  # the days, without which it cannot be made, and those dates of its tables that there are
         days, dates = [(paper["letters"], day) for day in paper["days"]], [row[:2] for row in _dates(one, paper)]
-        for wanted in (days, dates):
-            of_days = [fetch.of_day(letters, datetime.date.fromisoformat(day)) for letters, day in wanted]
+        for bundle in (days, dates):
+            of_days = [fetch.of_day(letters, datetime.date.fromisoformat(day)) for letters, day in bundle]
             try:
-                every = list(dict.fromkeys(sum(of_days, [])))
-                fetch.fetch(every, folder, place, listener, fetch.Patience(tell=tell))
+                archives = list(dict.fromkeys(sum(of_days, [])))
+                fetch.fetch(archives, folder, place, listener, fetch.Patience(tell=tell))
             except GravcalError as error:
-                if wanted is days:
+                if bundle is days:
                     raise
                 engine.warn(f"dates left out: {error}")
     date = paper["days"][0] if paper["public"] and len(paper["days"]) == 1 else None
     with other_store(str(out / "store")):  # simulated days bear the names of measured ones
         all_documents = {run: [_run(one, paper, run, folder, paper["satellite"], date, out / run)] for run in RUNS}
-        at_hand = {days[1:]: days[0] for days in (() if made else one.days(folder))}
+        at_hand = {days[1:]: days[0] for days in (() if is_simulated else one.days(folder))}
         for letter, day, *_ in _dates(one, paper):
-            where = out / "dates" / f"{letter}-{day}" if made else at_hand.get((letter, day))
+            where = out / "dates" / f"{letter}-{day}" if is_simulated else at_hand.get((letter, day))
             try:
                 documents = {run: _run(one, paper, run, where, letter, day) for run in RUNS if where}
             except GravcalError as error:
@@ -68,7 +68,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
     documents = {run: own for run, (own, *_) in all_documents.items()}
     items = [_compared(one, item, all_documents) for item in paper["tables"]]
     items += [item | {"rows": []} for item in paper["figures"]]
-    kinds = {run: document["origin"] for run, document in documents.items()}
+    origins = {run: document["origin"] for run, document in documents.items()}
     document = {
         "schema_version": schemas.VERSION,
         "status": documents["corrected"]["status"],
@@ -76,7 +76,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
         "title": paper["title"],
         "doi": paper["doi"],
         "days": paper["days"],
-        "origin": kinds["corrected"],
+        "origin": origins["corrected"],
         "runs": {run: {"status": d["status"], "verdict": d["verdict"]["text"]} for run, d in documents.items()},
         "items": items,
     }
@@ -135,21 +135,21 @@ def _compared(one, item, documents):
     for record in catalog.published(one.name)[item["section"]]:
         blocks = {}
         for run in RUNS:
-            made = (one.recomputed(document, item["section"], record, run) for document in documents[run])
-            blocks[run] = next(filter(None, made), None)
+            results_of = (one.recomputed(document, item["section"], record, run) for document in documents[run])
+            blocks[run] = next(filter(None, results_of), None)
         if not any(blocks.values()):
             continue
-        unknown = ([None] * len(record.value),) * 2
+        blank = ([None] * len(record.value),) * 2
         names = item.get("components") or ("xyz" if len(record.value) == 3 else [""] * len(record.value))
         label = " ".join(value for value in record.labels.values() if value)
         for k, component in enumerate(names):
             sigma = record.sigma[k] if k < len(record.sigma) else None
             row = {"row": f"{label} {component}".strip(), "printed": [record.value[k], sigma]}
-            row |= {run: [part[k] for part in blocks[run] or unknown] for run in RUNS}
+            row |= {run: [part[k] for part in blocks[run] or blank] for run in RUNS}
             if any(value is not None for value, _ in (row[name] for name in ("printed", *RUNS))):
                 rows.append(row)
-    none = {} if rows else {"reason": "no day of its dates is at hand (--data FOLDER)"}
-    return item | {"rows": rows} | none
+    missing = {} if rows else {"reason": "no day of its dates is at hand (--data FOLDER)"}
+    return item | {"rows": rows} | missing
 
 
 def _text(pair):  # "value +- sigma" of [value, sigma]; "-" without a value
@@ -208,14 +208,14 @@ def _drawn(out, document, item, run):
 
 def _pictures(out, name, item, drawn):
     """Markdown lines of an item's first figure (or all) of each run, once if equal in both; writes the SVG files."""
-    lines, alike = [], {}
+    lines, runs_of = [], {}
     for run, figures in drawn.items():
         for number, one in enumerate(figures[: None if item.get("all") else 1], 1):
             for address, title in re.findall(r'base64,([^"]*)" alt="([^"]*)"', one):
-                alike.setdefault((number, title, address), []).append(run)
-    for (number, title, address), runs in sorted(alike.items(), key=lambda one: one[0][0]):
-        of, said = ("", "Both runs") if len(runs) > 1 else (runs[0], HEADS[1 + RUNS.index(runs[0])].capitalize())
-        words = f"{name} {item['name']} {number if number > 1 else ''} {of}".strip().lower()
+                runs_of.setdefault((number, title, address), []).append(run)
+    for (number, title, address), runs in sorted(runs_of.items(), key=lambda one: one[0][0]):
+        suffix, said = ("", "Both runs") if len(runs) > 1 else (runs[0], HEADS[1 + RUNS.index(runs[0])].capitalize())
+        words = f"{name} {item['name']} {number if number > 1 else ''} {suffix}".strip().lower()
         path = "images/papers/" + re.sub(r"\W+", "_", words) + ".svg"
         (out / path).parent.mkdir(parents=True, exist_ok=True)
         (out / path).write_bytes(base64.b64decode(address))

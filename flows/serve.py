@@ -52,15 +52,15 @@ def serve(served, said):
         with _alone(calibration):
             names = [f"port-{what}-{calibration}" for what in ("pages", "reports")]
             last = [port if isinstance(port := location.recall(name), int) else None for name in names]
-            begun = server.begin(last[0])
-            with server.running(begun) as url, reports(last[1]) as address:
+            started = server.begin(last[0])
+            with server.running(started) as url, reports(last[1]) as address:
                 for name, one in zip(names, (url, address), strict=True):  # so that links and bookmarks stay good
-                    if begun.child is not None or one is address:  # a server of the user's own keeps its port
+                    if started.child is not None or one is address:  # a server of the user's own keeps its port
                         location.remember(name, urlsplit(one).port)
                 os.environ["PREFECT_API_URL"] = url
                 os.environ.setdefault("GRAVCAL_REPORTS", address)
                 with temporary_settings(server.client(url)), contextlib.suppress(KeyboardInterrupt):
-                    _run(served, schedule, (url, begun.child is not None), said)
+                    _run(served, schedule, (url, started.child is not None), said)
     except server.Unavailable as error:
         raise ProductError(f"Prefect's server: {error}; expected it to answer. Look into that log.") from None
 
@@ -88,26 +88,26 @@ def _run(served, schedule, where, said):
 
     (url, is_own), ended, name = where, threading.Event(), served.arguments["calibration"]
     runner = Runner(name=f"gravcal {name}", limit=1)
-    how = {"name": name, "entrypoint_type": EntrypointType.MODULE_PATH}
+    options = {"name": name, "entrypoint_type": EntrypointType.MODULE_PATH}
     parameters = served.arguments | ({"data": str(served.data.absolute())} if served.data else {})
-    made = {scheduled.reprocess_all: {"schedule": schedule, "parameters": parameters | served.pruning}}
+    arguments_of = {scheduled.reprocess_all: {"schedule": schedule, "parameters": parameters | served.pruning}}
     if served.watched:
-        made[scheduled.new_data] = {"parameters": served.arguments | {"data": str(served.watched.absolute())}}
-    known = {flow.name: runner.add_flow(flow, **how, **more) for flow, more in made.items()}
-    registered = {str(one): server.registered(url, one) for one in known.values()}
+        arguments_of[scheduled.new_data] = {"parameters": served.arguments | {"data": str(served.watched.absolute())}}
+    deployments = {flow.name: runner.add_flow(flow, **options, **more) for flow, more in arguments_of.items()}
+    registered = {str(one): server.registered(url, one) for one in deployments.values()}
     os.environ["GRAVCAL_REGISTERED"] = json.dumps(registered)
     if is_own:
-        server.bury(url, list(known.values()))
+        server.bury(url, list(deployments.values()))
     said(f"Prefect {url.removesuffix('/api')}")
     if is_own:
         said(f"signed in by {server.page(url, name).as_uri()}")
     said(f"reprocess-all at {served.cron} UTC")
     if served.watched:
         said(f"new-data when {served.watched} changes, looked at every {served.every_s:g} s")
-        path = f"/deployments/{known['new-data']}/create_flow_run"
+        path = f"/deployments/{deployments['new-data']}/create_flow_run"
         start = functools.partial(server.ask, url, path, {})
-        looking = (served.watched, served.every_s, ended, start)
-        threading.Thread(target=watch, args=looking, daemon=True).start()
+        watching = (served.watched, served.every_s, ended, start)
+        threading.Thread(target=watch, args=watching, daemon=True).start()
     try:
         asyncio.run(_until_told(runner))
     finally:

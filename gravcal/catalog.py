@@ -198,7 +198,7 @@ def event(name):
     if (status == "unknown") != (date is None):
         _wrong(path, "date_status", status, f"a status that fits date {content['date']}", "Correct one.")
     end_date = _date(content, "end_date") or date
-    flown = design(content["design"])
+    planned = design(content["design"])
     members = tuple(satellite(member) for member in content["satellites"])
     for one in content["found"]:
         if not one["stop"] > one["start"]:
@@ -214,10 +214,10 @@ def event(name):
         date_as_printed=_date(content, "date_as_printed"),
         source=content["source"],
         note=content.get("note", ""),
-        designed=flown.manoeuvres,
+        designed=planned.manoeuvres,
         printed=tuple(content.get("printed", [])),
         found=tuple(Manoeuvre(**one | {n: float(one[n]) for n in ("start", "stop")}) for one in content["found"]),
-        raw_files=() if date is None else _raw_files(content, flown.products, members, (date, end_date)),
+        raw_files=() if date is None else _raw_files(content, planned.products, members, (date, end_date)),
         origin=content.get("origin", ""),
     )
 
@@ -253,15 +253,15 @@ def _date(content, key):  # date of a TOML entry, None if it is missing or "unkn
 def _raw_files(content, designed, members, span):
     """RawFile of every Level-1 file an event needs, day by day; span: first and last date; members: Satellites."""
     digests = content.get("sha256", {})
-    needed = {}  # in the order of the design, each once
+    wanted = {}  # in the order of the design, each once
     for member in members:
-        pair, both = PAIRS.get(member.mission, (member.letter, ""))
+        pair, ranging = PAIRS.get(member.mission, (member.letter, ""))
         products = designed.get(member.mission, {})
-        for kind, letters in (("own", member.letter), ("pair", pair), ("ranging", both)):
-            needed |= {(product, letter): None for product in products.get(kind, []) for letter in letters}
+        for kind, letters in (("own", member.letter), ("pair", pair), ("ranging", ranging)):
+            wanted |= {(product, letter): None for product in products.get(kind, []) for letter in letters}
     release, suffix, raw = content["release"], SUFFIXES.get(members[0].mission, "nc"), []
     for day in (span[0] + datetime.timedelta(days=n) for n in range((span[1] - span[0]).days + 1)):
-        for product, letter in needed:
+        for product, letter in wanted:
             name = f"{product}_{day}_{letter}_{release}.{suffix}"
             raw.append(RawFile(name, product, letter, day, release, digests.get(name)))
     return tuple(raw)

@@ -150,13 +150,13 @@ def printed_of(calibration: str, event: str | None = None) -> dict[str, list[dic
 
 def document(ref, name="result.json") -> dict:
     """Document (file ``name``) of a report, whose provenance gets its key and {stage: key} of its nearest ancestors."""
-    document, records, made_of = json.loads((ref.folder / name).read_text()), store.ancestry(ref.key), {}
-    if records[ref.key] is None:
+    document, ancestors, key_of = json.loads((ref.folder / name).read_text()), store.ancestry(ref.key), {}
+    if ancestors[ref.key] is None:
         raise ProductError(f"{ref.name} ({ref.path}): its record was damaged since it was found. Run again.")
-    for part, label in (pair for record in records.values() if record for pair in store.inputs(record)):
+    for part, label in (pair for record in ancestors.values() if record for pair in store.inputs(record)):
         if "key" in part:
-            made_of.setdefault(".".join(filter(None, (label["kind"], label["variant"]))), part["key"])
-    document["provenance"] |= {"key": ref.key, "products": dict(sorted(made_of.items()))}
+            key_of.setdefault(".".join(filter(None, (label["kind"], label["variant"]))), part["key"])
+    document["provenance"] |= {"key": ref.key, "products": dict(sorted(key_of.items()))}
     return document
 
 

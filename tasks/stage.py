@@ -160,15 +160,15 @@ def inline(call):
 
 def perform(call):
     """(ProductRef, "cached" or "made"): the product of a Call, looked up or made under a lock of its key."""
-    wanted, modules = recipe(call)
-    key = keys.key(wanted)
+    product_recipe, modules = recipe(call)
+    key = keys.key(product_recipe)
     _calls[key] = call
     ref, state = usable(key), "cached"
     if ref is None:
         with store.lock(key):
             ref = usable(key)
             if ref is None:
-                ref, state = _make(call, key, wanted, modules), "made"
+                ref, state = _make(call, key, product_recipe, modules), "made"
     store.point(ref)
     return ref, state
 

@@ -94,8 +94,8 @@ def figure(wish: Wish) -> dict:
         drawn.yaxis.axis_label = f"{wish.variable} (GPS time)" if values == "time" else label
         views = [series.view(one.whole) for one in traces]
         curves = [(_drawn(x + one.shift, kind), _drawn(y, one.kind)) for one, (x, y) in zip(traces, views, strict=True)]
-        ends = [_drawn(one.whole.x[[0, -1]] + one.shift, kind) for one in traces] or [(0.0, 1.0)]
-        low, high = np.min(ends), np.max(ends)
+        extents = [_drawn(one.whole.x[[0, -1]] + one.shift, kind) for one in traces] or [(0.0, 1.0)]
+        low, high = np.min(extents), np.max(extents)
         drawn.x_range.update(start=low, end=high, reset_start=low, reset_end=high)
         said = "The two products do not overlap. Count both from their start, or choose another."
     if wish.view != "spectrum" and traces:
@@ -220,27 +220,27 @@ def _undrawn(x, kind):
 
 def over_years(calibration, satellite: str) -> dict | None:
     """Panels over time of the results of one satellite, JSON for Bokeh's embed_item; None without results."""
-    own = [point for point in timeline.points(calibration) if point.satellite == satellite]
-    if not own:
+    ours = [point for point in timeline.points(calibration) if point.satellite == satellite]
+    if not ours:
         return None
-    points, orders = [*own, *timeline.printed_points(calibration, satellite)], timeline.levels(calibration)
+    points, printed_levels = [*ours, *timeline.printed_points(calibration, satellite)], timeline.levels(calibration)
     trims = timeline.trims(satellite) if calibration.trims else []
-    panels = list(dict.fromkeys((point.panel, point.unit) for point in own))
+    panels = list(dict.fromkeys((point.panel, point.unit) for point in ours))
     drawn, axes = [], {"x_axis_type": "datetime"}
     for panel, unit in panels:
         last = (panel, unit) == panels[-1]
-        scale = "log" if panel in orders else "linear"
+        scale = "log" if panel in printed_levels else "linear"
         one = bokeh_figure(height=190 if last else 160, y_axis_type=scale, **TOOLS, **axes)
         one.yaxis.axis_label, one.xaxis.visible = f"{panel}\n({unit})", last
         one.add_tools(TapTool(callback=OpenURL(url="/event/@event", same_tab=True)))
         axes = {"x_range": one.x_range, "x_axis_type": "datetime"}
-        here = [point for point in points if point.panel == panel]
-        frame = pd.DataFrame([asdict(point) for point in here])
+        of_panel = [point for point in points if point.panel == panel]
+        frame = pd.DataFrame([asdict(point) for point in of_panel])
         spread = frame["sigma"].astype(float).fillna(0.0)
         frame["low"], frame["high"] = frame["value"] - spread, frame["value"] + spread
-        frame["told"] = [rounded(point.value, point.sigma).replace("+-", "±") for point in here]
-        frame["printed"] = ["printed" if point.mood == "printed" else "" for point in here]
-        frame[["colour", "marker", "size", "filled"]] = [MOODS[point.mood] for point in here]
+        frame["told"] = [rounded(point.value, point.sigma).replace("+-", "±") for point in of_panel]
+        frame["printed"] = ["printed" if point.mood == "printed" else "" for point in of_panel]
+        frame[["colour", "marker", "size", "filled"]] = [MOODS[point.mood] for point in of_panel]
         source = ColumnDataSource(frame.to_dict("list"))
         one.segment("date", "low", "date", "high", source=source, color="colour", line_width=1.6)
         look = {"marker": "marker", "size": "size", "line_color": "colour", "fill_color": "filled"}
@@ -248,14 +248,14 @@ def over_years(calibration, satellite: str) -> dict | None:
         tips = [("@printed", "@event"), ("", "@date{%F}"), ("value", "@told"), ("", "@said")]
         one.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters={"@date": "datetime"}))
         for trim in (trim for trim in trims if trim.axis == panel):
-            when = datetime.datetime.combine(trim.date, datetime.time(), datetime.UTC).timestamp() * 1e3
+            trim_ms = datetime.datetime.combine(trim.date, datetime.time(), datetime.UTC).timestamp() * 1e3
             dash = "dashed" if trim.confirmed else "dotted"  # where the printed series does not confirm it
-            one.add_layout(Span(location=when, dimension="height", line_color=GREY, line_dash=dash))
+            one.add_layout(Span(location=trim_ms, dimension="height", line_color=GREY, line_dash=dash))
             text = f" trim {trim.trim_um:+.0f} µm"
-            one.add_layout(Label(x=when, y=4, y_units="screen", text=text, text_color=GREY))
-        if panel in orders:
-            level, text = orders[panel]
-            one.y_range = Range1d(level / 5, 5 * max([level, *(point.value for point in own if point.panel == panel)]))
+            one.add_layout(Label(x=trim_ms, y=4, y_units="screen", text=text, text_color=GREY))
+        if panel in printed_levels:
+            level, text = printed_levels[panel]
+            one.y_range = Range1d(level / 5, 5 * max([level, *(point.value for point in ours if point.panel == panel)]))
             one.add_layout(Span(location=level, dimension="width", line_color="#0072B2", line_dash="dashed"))
             one.add_layout(Label(x=4, x_units="screen", y=level, y_offset=3, text=text, text_color="#0072B2"))
         drawn.append(one)

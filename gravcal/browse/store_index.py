@@ -156,8 +156,8 @@ def differing(products) -> dict[str, list[str]]:
         if delivered is one:
             continue
         reasons[key] = history.compared(delivered.record, one.record, ("made again",)) if delivered else []
-        unknown = any(why.startswith("input ") for why in reasons[key]) if delivered else one.ref.event in modelled
-        if traced < TRACED and unknown:
+        is_open = any(why.startswith("input ") for why in reasons[key]) if delivered else one.ref.event in modelled
+        if traced < TRACED and is_open:
             reasons[key] = history.why_different(delivered and delivered.ref.key, key) or reasons[key]
             traced += 1
     return reasons
@@ -210,12 +210,12 @@ def _result(event, calibration, own, runs):
     else:  # a verdict is good, bad, or says nothing of the kind: accuracy, consistency, and the requirement
         verdict, state = body.get("verdict") or {}, str(body.get("status", "")).replace("_", " ")
         marks = [verdict.get(name) for name in ("accuracy_met", "consistent")]
-        bad = state == "questionable" or False in marks or "exceeds" in (verdict.get("requirement") or ())
-        mood = "plain" if state not in WITH_RESULT else "bad" if bad else "good" if True in marks else "plain"
+        is_bad = state == "questionable" or False in marks or "exceeds" in (verdict.get("requirement") or ())
+        mood = "plain" if state not in WITH_RESULT else "bad" if is_bad else "good" if True in marks else "plain"
         said = verdict.get("text", "")
-    together = [path for one in own if (path := file(one, "joint.json"))]
-    if together and not report:
-        state, said = "all events", _json(together[-1])["verdict"]["text"]
+    joint_files = [path for one in own if (path := file(one, "joint.json"))]
+    if joint_files and not report:
+        state, said = "all events", _json(joint_files[-1])["verdict"]["text"]
     made_of = [one for one in own if one.ref.kind != "ingest"] or own  # files may have been read for others only
     stated = body["origin"] if body and "origin" in body else origins_together(origin(one.ref.path) for one in made_of)
     made = max([one.record["made"] for one in own] + ([run["started"]] if run else []), default="")

@@ -58,8 +58,8 @@ def delivered(calibrations, link) -> list[dict]:
     rows = []
     for row, one in (pair for calibration in calibrations.values() for pair in _values(calibration)):
         files = {"report": "report.html", "document": "result.json", "product": "product.nc"}
-        there = {"product.nc", *row["report"].record["files"]}
-        links = {kind: link(row["report"], name) if name in there else "" for kind, name in files.items()}
+        files_there = {"product.nc", *row["report"].record["files"]}
+        links = {kind: link(row["report"], name) if name in files_there else "" for kind, name in files.items()}
         where = (row["event"], row["calibration"], one.satellite or letters_of(row["event"]))
         when = _date(row["document"], row["event"]).date().isoformat()
         what = (one.name, one.value, one.sigma, one.sigma_total, one.unit, row["said"], *links.values())

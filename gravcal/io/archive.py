@@ -140,12 +140,12 @@ def file_digest(path, member=None) -> str:
     a moment ago may change again within one tick of that clock: it is not remembered yet.
     """
     status = path.stat()
-    place = os.path.abspath(path)  # noqa: PTH100 - resolve() would follow links
-    stamp = [place, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
-    name = "file-" + hashlib.sha256(place.encode()).hexdigest()[:32]
-    known = location.recall(name)
-    is_known = isinstance(known, dict) and known.get("seen") == stamp and isinstance(known.get("digests"), dict)
-    digests = known["digests"] if is_known else {}
+    absolute = os.path.abspath(path)  # noqa: PTH100 - resolve() would follow links
+    stamp = [absolute, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
+    name = "file-" + hashlib.sha256(absolute.encode()).hexdigest()[:32]
+    cached = location.recall(name)
+    is_cached = isinstance(cached, dict) and cached.get("seen") == stamp and isinstance(cached.get("digests"), dict)
+    digests = cached["digests"] if is_cached else {}
     if (member or "") not in digests:
         if member:
             with opened(path) as tar:
@@ -320,13 +320,13 @@ def origin_of(file: LevelOneFile) -> str:
 
 def origin_below(folder, date: str | None) -> str:
     """Origin (also "mixed") of the Level-1 files below a folder, loose and in archives, of one day or (None) of all."""
-    origins, wanted = [], lambda name: LEVEL_ONE.fullmatch(PurePosixPath(name).name) and (date or "") in name
+    origins, is_wanted = [], lambda name: LEVEL_ONE.fullmatch(PurePosixPath(name).name) and (date or "") in name
     for path in Path(folder).rglob("*"):
-        if wanted(path.name):
+        if is_wanted(path.name):
             origins.append(origin_of_header(_header(path)))
         elif is_archive(path) and (date in (days := DAY.findall(path.name)) or not (date and days)):
             with contextlib.suppress(GravcalError, *PACKED_DAMAGED), opened(path) as tar:
-                files = (item for item in members(tar, path) if item.isfile() and wanted(item.name))
+                files = (item for item in members(tar, path) if item.isfile() and is_wanted(item.name))
                 origins.extend(origin_of_header(_head(tar.extractfile(item), item.name)) for item in files)
     return origins_together(origins) or MEASURED
 

@@ -192,15 +192,15 @@ def in_order(time: np.ndarray, values: Mapping[str, np.ndarray]) -> tuple[np.nda
 
     Those without a time are left out; of a repeated one the first is kept, NaN where the others contradict it.
     """
-    known = np.flatnonzero(np.isfinite(time))
-    order = known[np.argsort(time[known], kind="stable")]
+    finite = np.flatnonzero(np.isfinite(time))
+    order = finite[np.argsort(time[finite], kind="stable")]
     is_first = np.append(True, np.diff(time[order]) > 0)[: order.size]
     epoch_index = np.cumsum(is_first) - 1
     ordered = {}
     for name, column in values.items():
-        every = np.array(column, dtype=float)[order]
-        kept = every[is_first]
-        differs = ~np.isclose(every, kept[epoch_index], rtol=0, atol=0, equal_nan=True)
+        in_time = np.array(column, dtype=float)[order]
+        kept = in_time[is_first]
+        differs = ~np.isclose(in_time, kept[epoch_index], rtol=0, atol=0, equal_nan=True)
         kept[epoch_index[differs.any(axis=tuple(range(1, differs.ndim)))]] = np.nan
         ordered[name] = kept
     return time[order][is_first], ordered

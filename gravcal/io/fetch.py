@@ -421,8 +421,8 @@ def _chunks(response, patience, limit):
         try:
             chunk = response.raw.read1(CHUNK, decode_content=False)
         except (urllib3.exceptions.HTTPError, OSError) as error:
-            stalled = isinstance(error, urllib3.exceptions.ReadTimeoutError | TimeoutError)
-            reason = f"nothing came for {patience.stall_s:g} s" if stalled else "the connection broke off"
+            is_stall = isinstance(error, urllib3.exceptions.ReadTimeoutError | TimeoutError)
+            reason = f"nothing came for {patience.stall_s:g} s" if is_stall else "the connection broke off"
             raise Interrupted(reason) from None
         if not chunk:
             return
@@ -454,16 +454,16 @@ def authorization(url, start):
     Credentials travel encrypted, or stay on this machine. An entry of netrc without a port holds for the server that
     was asked for and for the usual port of https; a redirect to another port of a host gets nothing.
     """
-    here, asked = origin(url), origin(start)
-    if here[0] != "https" and not is_loopback(here[1]):
+    server, asked = origin(url), origin(start)
+    if server[0] != "https" and not is_loopback(server[1]):
         return None
     token = os.environ.get("EARTHDATA_TOKEN")
-    if token and here == TOKENS:
+    if token and server == TOKENS:
         return f"Bearer {token}"
-    prefix = "EARTHDATA" if here == EARTHDATA else "GRAVCAL_FETCH" if here == asked and here != TOKENS else None
-    pair = tuple(os.environ.get(f"{prefix}_{name}") for name in ("USERNAME", "PASSWORD"))
-    pair = pair if prefix and all(pair) else _from_netrc(here, asked)
-    return pair and "Basic " + base64.b64encode(":".join(pair).encode()).decode()
+    prefix = "EARTHDATA" if server == EARTHDATA else "GRAVCAL_FETCH" if server == asked and server != TOKENS else None
+    login = tuple(os.environ.get(f"{prefix}_{name}") for name in ("USERNAME", "PASSWORD"))
+    login = login if prefix and all(login) else _from_netrc(server, asked)
+    return login and "Basic " + base64.b64encode(":".join(login).encode()).decode()
 
 
 def is_loopback(host: str | None) -> bool:

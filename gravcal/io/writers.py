@@ -72,25 +72,25 @@ def file_name(product: str, date: str, satellite: str, release: str = "04") -> s
 def _columns(observed, table: Product, satellite, where):
     """{column: (n,)} of every column of the records, in order, with names and axes of the file; defaults filled in."""
     arrays = {str(name): np.asarray(observed[name]) for name in observed}
-    held = dict(arrays)
+    values = dict(arrays)
     for af, srf in srf_names(table).items():
-        held.pop(af, None)
+        values.pop(af, None)
         if srf in arrays:
-            held[af] = arrays[srf]
-    n = len(held[table.time[0]])
+            values[af] = arrays[srf]
+    n = len(values[table.time[0]])
     columns = list(table.columns)
     if table.optional:
-        bits = sum(1 << c.bit for c in table.optional if c.name in held)
-        flags = np.unique(held["prod_flag"]) if "prod_flag" in held else np.array([bits])
+        bits = sum(1 << c.bit for c in table.optional if c.name in values)
+        flags = np.unique(values["prod_flag"]) if "prod_flag" in values else np.array([bits])
         if len(flags) > 1:
             refuse(where, f"{len(flags)} values of prod_flag", "records of one layout", "Write each layout by itself.")
         flag = int(flags[0]) if len(flags) else 0
-        held["prod_flag"] = np.full(n, flag)
+        values["prod_flag"] = np.full(n, flag)
         columns += table.following(flag)
-    missing = {c.name: _default(c, table, satellite) for c in columns if c.name not in held}
+    missing = {c.name: _default(c, table, satellite) for c in columns if c.name not in values}
     for name in (name for name, default in missing.items() if default is None):
         refuse(where, f"no values for {name}", f"{n} values", GIVE, column=name)
-    return {c.name: held[c.name] if c.name in held else np.full(n, missing[c.name]) for c in columns}
+    return {c.name: values[c.name] if c.name in values else np.full(n, missing[c.name]) for c in columns}
 
 
 def _default(column, table, satellite):

@@ -46,10 +46,10 @@ def report(
     files = {"discovery.json": documents.text(document)}
     if outcome and outcome.findings and "model" in settings:  # a calibration that takes one
         change, added = outcome.calibration_change, None
-        spread = change.covariance_of_findings
-        if combined and np.all(np.isfinite(np.array([change.correction, *spread], dtype=float))):
+        covariance = change.covariance_of_findings
+        if combined and np.all(np.isfinite(np.array([change.correction, *covariance], dtype=float))):
             row = {"calibration": calibration, "records": records, "unit": change.unit}
-            added = row | {"correction": change.correction, "covariance": spread}
+            added = row | {"correction": change.correction, "covariance": covariance}
         extended = model_text(outcome.findings, event, settings["model"], added)
         files |= {"model.toml": extended} if extended else {}
     files["discovery.html"] = pages.page(
@@ -75,14 +75,14 @@ def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: s
         joint = change = outcome.calibration_change
         if combined:
             name, old, covariance = reported.result(combined[0])
-            (_, new, other), *modelled = (reported.result(one, name) for one in combined[1:])
-            _, begun, spread = modelled[0] if modelled else (name, old, covariance)
-            correction = begun - old + np.array(joint.correction, dtype=float)
-            more = spread - covariance + np.array(joint.covariance_of_findings, dtype=float)
-            old, new, sigma = begun, new + correction, [np.sqrt(np.diag(c)) for c in (spread, other + more)]
+            (_, new, new_covariance), *modelled = (reported.result(one, name) for one in combined[1:])
+            _, start, spread = modelled[0] if modelled else (name, old, covariance)
+            correction = start - old + np.array(joint.correction, dtype=float)
+            added = spread - covariance + np.array(joint.covariance_of_findings, dtype=float)
+            old, new, sigma = start, new + correction, [np.sqrt(np.diag(c)) for c in (spread, new_covariance + added)]
             own = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1], "change": new - old}
             own |= {"change_in_old_sigma": (new - old) / sigma[0], "correction": correction}
-            own |= {"covariance_of_findings": more}
+            own |= {"covariance_of_findings": added}
             change = replace(joint, variant=name, **plain.as_plain(own))
         rows = change.names, units(change.unit, change.names), change.after, change.sigma_after
         for name, unit, value, sigma in zip(*rows, strict=True):
@@ -101,21 +101,21 @@ def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: s
 
 def sections(search: xr.Dataset, outcome: Outcome, reported: Reported) -> list[Section]:
     """Sections of the page of a discovery: cause, result, detection limits, residuals, what was tried."""
-    here = [
+    readings = [
         Figure(partial(reading, number=k), ("discovery",), caption(search, k, reported.readings))
         for k in range(len(outcome.findings)) or (-1,)  # of the least likely band
     ]
     numbers = vars(outcome)
     causes = [findings_table(outcome.findings), tied_table(outcome.findings), WORDS.table("weighed", numbers)]
     cause = Section("The cause", causes, notes=[WORDS.note("cause")])
-    hidden = [unobservable_table(outcome), WORDS.table("limits", numbers)]
-    wrong = [f"{WORDS.note('wrong')} {reported.note}".strip()]
+    not_shown = [unobservable_table(outcome), WORDS.table("limits", numbers)]
+    notes = [f"{WORDS.note('wrong')} {reported.note}".strip()]
     return [
-        *([Section("What was found", figures=here)] if any(one.caption for one in here) else []),
+        *([Section("What was found", figures=readings)] if any(one.caption for one in readings) else []),
         *([cause] if outcome.findings else []),
         Section("The result", [WORDS.table("change", numbers), gain_table(outcome.gain)], notes=[WORDS.note("gain")]),
-        Section("What this event could not have shown", hidden, notes=WORDS.said("not_shown", **numbers)),
-        Section("What is left", [WORDS.table("outliers", numbers)], [_power, _spectra], wrong),
+        Section("What this event could not have shown", not_shown, notes=WORDS.said("not_shown", **numbers)),
+        Section("What is left", [WORDS.table("outliers", numbers)], [_power, _spectra], notes),
         Section("What was tried", [WORDS.table("tried", numbers)]),
     ]
 
@@ -307,9 +307,9 @@ def fold(search, number: int) -> float | None:
 
 def _quick(time, values, period):
     """High-passed values (n,): less their running mean over a period s, NaN where the window is not complete."""
-    width = max(1, round(period / float(np.median(np.diff(time)))))
-    fast = values - pd.Series(values).rolling(width, center=True, min_periods=1).mean().to_numpy()
-    fast[: width // 2] = fast[values.size - width // 2 :] = np.nan
+    window = max(1, round(period / float(np.median(np.diff(time)))))
+    fast = values - pd.Series(values).rolling(window, center=True, min_periods=1).mean().to_numpy()
+    fast[: window // 2] = fast[values.size - window // 2 :] = np.nan
     return fast
 
 
@@ -327,16 +327,16 @@ def reading(search, number: int):
     view, period = shown(search, number), fold(search, number)
     if view is None:
         return None
-    one, time, curves = view
+    place_shown, time, curves = view
     curves = {side: _quick(time, v, period) for side, v in curves.items()} if period else curves
     measured = curves["measured"]
     models = [(curves["simulated"], STYLES["simulated"]), (curves["extended"], STYLES["extended"])]
     models = [model for model in models if np.isfinite(model[0]).any()]
     place, index = _places(time, models[-1][0] - (models[0][0] if len(models) > 1 else measured), period)
-    whole = search[f"{one.channel}_measured"]
-    axis = f" {'xyz'[one.axis]}" if whole.shape[1] > 1 else ""
+    whole = search[f"{place_shown.channel}_measured"]
+    axis = f" {'xyz'[place_shown.axis]}" if whole.shape[1] > 1 else ""
     rows = {
-        f"{one.channel}{axis}": [*models, (measured, STYLES["measured"])],
+        f"{place_shown.channel}{axis}": [*models, (measured, STYLES["measured"])],
         "difference": [(measured - values, style) for values, style in models],
     }
     along = "time from the first sample (s)" if period is None else "phase (s)"

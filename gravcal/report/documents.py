@@ -44,12 +44,12 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
     origin = origins_together(one.attrs.get("origin", "") for one in products if one is not None) or MEASURED
     failed = [one for one in checks if not one.passed]
     status = "questionable" if failed and document["status"] == "delivered" else document["status"]
-    doubt = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""
+    warning = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""
     verdict = document.get("verdict")
-    entry = {"verdict": verdict | {"text": foreword(origin) + doubt + verdict["text"]}} if verdict else {}
+    new_verdict = {"verdict": verdict | {"text": foreword(origin) + warning + verdict["text"]}} if verdict else {}
     configuration = settings_of(document).get("configuration", OPERATIONAL)
     added = {"origin": origin, "configuration": configuration, "checks": as_plain(list(map(vars, checks)))}
-    return dict(document) | {"status": status} | added | entry
+    return dict(document) | {"status": status} | added | new_verdict
 
 
 def settings_of(document: Mapping) -> Mapping:

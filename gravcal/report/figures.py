@@ -69,16 +69,16 @@ def bars(panel, x, y, sigma, **style):
 
 def opened(x, y, gap):
     """x, y (n,) with NaN inserted where x increases by more than a gap, so that no line bridges it."""
-    at = np.flatnonzero(np.diff(x) > gap) + 1
-    return np.insert(np.asarray(x, dtype=float), at, np.nan), np.insert(np.asarray(y, dtype=float), at, np.nan)
+    jumps = np.flatnonzero(np.diff(x) > gap) + 1
+    return np.insert(np.asarray(x, dtype=float), jumps, np.nan), np.insert(np.asarray(y, dtype=float), jumps, np.nan)
 
 
 def density(pieces, step):
     """Frequency (m,) Hz, one-sided amplitude density (m, ...), Hann window, mean power of pieces (n, ...), step s."""
-    pieces = [np.asarray(one, dtype=float) for one in pieces]
+    pieces = [np.asarray(piece, dtype=float) for piece in pieces]
     length = len(pieces[0])
     taper = np.hanning(length)
-    power = [np.abs(np.fft.rfft(taper * one.T)).T ** 2 for one in pieces]
+    power = [np.abs(np.fft.rfft(taper * piece.T)).T ** 2 for piece in pieces]
     scale = np.sqrt(2 * step / np.sum(taper**2))
     return np.fft.rfftfreq(length, step)[1:], scale * np.sqrt(np.mean(power, axis=0))[1:]
 
@@ -94,8 +94,8 @@ def thinned(x, y, most=800):
     size = -(-x.size // (most // 2))
     rows = np.pad(y, (0, -x.size % size), constant_values=np.nan).reshape(-1, size)
     first = np.arange(len(rows)) * size
-    ends = [first + np.argmin(np.where(np.isnan(rows), np.inf, sign * rows), axis=1) for sign in (1, -1)]
-    kept = np.sort(np.stack(ends, axis=1), axis=1).ravel()
+    extremes = [first + np.argmin(np.where(np.isnan(rows), np.inf, sign * rows), axis=1) for sign in (1, -1)]
+    kept = np.sort(np.stack(extremes, axis=1), axis=1).ravel()
     return x[kept], y[kept]
 
 

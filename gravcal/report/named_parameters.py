@@ -105,10 +105,10 @@ def by_part(estimate):
     for panel, index in zip(panels.ravel(), known, strict=False):
         value, sigma = float(estimate["value"][index]), float(estimate["sigma"][index])
         name, unit = str(estimate["parameter"].values[index]).replace("_", " "), str(estimate["unit"].values[index])
-        factor, shown = prefixed(max(abs(value), sigma), unit)
-        own, error = (factor * estimate[f"part_{which}"].values[:, index] for which in ("value", "sigma"))
-        bars(panel, number, own, error, color=COLOURS["blue"], markersize=3, capsize=0)
+        factor, unit_text = prefixed(max(abs(value), sigma), unit)
+        part_value, error = (factor * estimate[f"part_{which}"].values[:, index] for which in ("value", "sigma"))
+        bars(panel, number, part_value, error, color=COLOURS["blue"], markersize=3, capsize=0)
         panel.axhline(factor * value, color=COLOURS["vermilion"])
         panel.axhspan(factor * (value - sigma), factor * (value + sigma), color=COLOURS["vermilion"], alpha=0.2)
-        panel.set_title(", ".join(text for text in (name, shown) if text))
+        panel.set_title(", ".join(text for text in (name, unit_text) if text))
     return figure

@@ -52,15 +52,15 @@ def chosen(calibration, settings, name=None):
         digest = hashlib.sha256(json.dumps(changed, sort_keys=True).encode()).hexdigest()[:8]
         causes = lambda model: "+".join(dict.fromkeys(one["cause"] for one in json.loads(model)))  # noqa: E731
         parts = {n: causes(v) if n == "model" else json.dumps(v).strip('"') for n, v in changed.items()}
-        plain = ",".join(f"{n}-{text}" for n, text in parts.items())
-        clean = re.sub(r"[^A-Za-z0-9._,+-]+", "_", plain)[:60].rstrip("_,")
-        name = clean if clean == plain and "model" not in changed else f"{clean}-{digest}"
+        label = ",".join(f"{n}-{text}" for n, text in parts.items())
+        safe = re.sub(r"[^A-Za-z0-9._,+-]+", "_", label)[:60].rstrip("_,")
+        name = safe if safe == label and "model" not in changed else f"{safe}-{digest}"
     name = name or CATALOGUE
     known = _recorded(calibration, name)
     if known is not None and known["settings"] != changed or name == CATALOGUE and changed:
-        was = ", ".join(said(known["settings"] if known else {}))
+        meaning = ", ".join(said(known["settings"] if known else {}))
         remedy = f"Give another name with --as, or remove it: gravcal products prune --configuration {name}."
-        _refuse(calibration, name, ", ".join(said(changed)), f"{was}, for which it stands", remedy)
+        _refuse(calibration, name, ", ".join(said(changed)), f"{meaning}, for which it stands", remedy)
     return dataclasses.replace(choice, configuration=name)
 
 
@@ -149,9 +149,9 @@ def models_apart(old, new):
     """[(parameter "torque.dipole_gain rod_y ", old text, new text)] in which two models, JSON or "", differ."""
     if not (old and new):
         return [("", _model(old), _model(new))]
-    each, differences = [(_values(old, shown), _values(new, shown)) for shown in SHOWN], []
-    for name in dict.fromkeys([*each[0][0], *each[0][1]]):
-        pairs = [(a.get(name, "none"), b.get(name, "none")) for a, b in each]
+    texts, differences = [(_values(old, shown), _values(new, shown)) for shown in SHOWN], []
+    for name in dict.fromkeys([*texts[0][0], *texts[0][1]]):
+        pairs = [(a.get(name, "none"), b.get(name, "none")) for a, b in texts]
         differences += [(f"{name} ", *pair) for pair in pairs if pair[0] != pair[1]][:1]
     return differences or [("", "the same values", "other correlations, shapes or result")]
 

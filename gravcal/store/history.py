@@ -102,18 +102,18 @@ def why_different(old_key, new_key):
     None is a run without a model, of which nothing else is known.
     """
     sides = [[one for one in store.ancestry(*[key] * bool(key)).values() if one] for key in (old_key, new_key)]
-    moved = lambda one: one["recipe"]["variant"].startswith(MOVED)  # noqa: E731
-    models = [next(filter(None, map(model_of, sorted(side, key=moved))), "") for side in sides]
+    is_moved = lambda one: one["recipe"]["variant"].startswith(MOVED)  # noqa: E731
+    models = [next(filter(None, map(model_of, sorted(side, key=is_moved))), "") for side in sides]
     old, new = ({(_name(one["recipe"]), one["stage"]): one for one in side[::-1]} for side in sides)
     before, after = ({_name(one["recipe"]): one for one in side[::-1]} for side in sides)
     pairs = [(old[key], new[key]) for key in reversed(new) if key in old]  # as two stages may write one kind
-    both = {_name(one["recipe"]) for one, _ in pairs}
-    pairs += [(before[name], after[name]) for name in reversed(after) if name in before and name not in both]
+    paired = {_name(one["recipe"]) for one, _ in pairs}
+    pairs += [(before[name], after[name]) for name in reversed(after) if name in before and name not in paired]
     reasons = [one.removeprefix("settings.") for pair in pairs for one in compared(*pair, otherwise=())]
     names = {_name(one["recipe"]) for side in sides for one in side}
-    derived = {f"input {name} {word}" for name in names for word in ("changed", "added", "removed")}
-    follows = ("configuration: ", *(("model: ", "added: ") if any(models) else ()))
-    reasons = [one for one in dict.fromkeys(reasons) if one not in derived and not one.startswith(follows)]
+    of_inputs = {f"input {name} {word}" for name in names for word in ("changed", "added", "removed")}
+    implied = ("configuration: ", *(("model: ", "added: ") if any(models) else ()))
+    reasons = [one for one in dict.fromkeys(reasons) if one not in of_inputs and not one.startswith(implied)]
     return _reasons(*({"model": one} for one in models)) + reasons
 
 
@@ -135,7 +135,7 @@ def changed(old_record, new_record):
     old, new = old_record["modules"], new_record["modules"]
     names = sorted(name for name in set(old) | set(new) if old.get(name) != new.get(name)) or ["(unknown)"]
     parts = {"code": [name for name in names if "/" not in name], "data": [name for name in names if "/" in name]}
-    return [f"{what} changed: {', '.join(own)}" for what, own in parts.items() if own]
+    return [f"{label} changed: {', '.join(changed_names)}" for label, changed_names in parts.items() if changed_names]
 
 
 def differences(old, new, name=""):
@@ -149,8 +149,8 @@ def differences(old, new, name=""):
             yield from ((name, *one) for one in configurations.models_apart(*models))
             return
         texts = [str(old), str(new)]  # long ones from shortly before they differ
-        start = max(len(os.path.commonprefix(texts)) - 20, 0) if max(map(len, texts)) > 60 else 0
-        tails = ["..." * bool(start) + text[start:] for text in texts]
+        begin = max(len(os.path.commonprefix(texts)) - 20, 0) if max(map(len, texts)) > 60 else 0
+        tails = ["..." * bool(begin) + text[begin:] for text in texts]
         yield (name, "", *(text if len(text) <= 60 else text[:57] + "..." for text in tails))
 
 
@@ -174,8 +174,8 @@ def tree(entry):
     for key, record in records.items():
         for part, label in store.inputs(record) if record else ():
             if "path" in part:
-                where = f"{part['path']}:{part['member']}" if part["member"] else part["path"]
-                known[key]["inputs"].append({"name": where, "record": None, "inputs": [], "digest": label["digest"]})
+                place = f"{part['path']}:{part['member']}" if part["member"] else part["path"]
+                known[key]["inputs"].append({"name": place, "record": None, "inputs": [], "digest": label["digest"]})
             else:
                 known[key]["inputs"].append(known[part["key"]])
     return known[entry.ref.key]

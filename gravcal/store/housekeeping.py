@@ -73,15 +73,15 @@ def resolve(text):
     everything = entries(newest_only=False)
     path = Path(text).resolve()  # of the folder, of a readable link to it, or of a file in it
     objects = (location.folder() / "objects").resolve()
-    named = {one.name for one in (path, path.parent) if one.parent.parent == objects}
-    chosen = [entry for entry in everything if entry.ref.folder.name in named]
+    keys = {one.name for one in (path, path.parent) if one.parent.parent == objects}
+    chosen = [entry for entry in everything if entry.ref.folder.name in keys]
     folder = store.linked(location.folder() / "latest" / text)  # EVENT/STAGE, or EVENT/as/NAME/STAGE
     if not chosen and folder:
         chosen = [entry for entry in everything if entry.ref.key == folder.name]
     if not chosen and re.fullmatch(r"[0-9a-f]{4,64}", text):
         chosen = [entry for entry in everything if entry.ref.key.startswith(text)]
-        equal = [entry for entry in everything if entry.ref.digest.startswith(text)]
-        chosen = chosen or [entry for entry in equal if entry.newest] or equal
+        same_content = [entry for entry in everything if entry.ref.digest.startswith(text)]
+        chosen = chosen or [entry for entry in same_content if entry.newest] or same_content
     if len(chosen) == 1:
         return chosen[0]
     remedy = "Give EVENT/STAGE, more digits of the key, or a path, as gravcal products list shows them."
@@ -162,13 +162,13 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
     unused = [folder for folder in folders() if folder.name not in needed]
     for name in ("quarantine", "locks", "tmp"):  # the last two hold what was left when a process was killed
         unused += sorted((location.folder() / name).glob("*"))
-    gone, left = [(link, 0) for link in dropped], size() if quota is not None else 0
+    to_remove, bytes_left = [(link, 0) for link in dropped], size() if quota is not None else 0
     for age, path in sorted(((_age_s(path), path) for path in unused), reverse=True):
         keep = max(keep_s, YOUNG_S) if path.parent.name == "tmp" else keep_s  # a run may be writing it
-        if age > keep or (quota is not None and left > quota and age > YOUNG_S):
-            gone.append((path, _size(path)))
-            left -= gone[-1][1]
-    for path, _ in gone if remove else []:
+        if age > keep or (quota is not None and bytes_left > quota and age > YOUNG_S):
+            to_remove.append((path, _size(path)))
+            bytes_left -= to_remove[-1][1]
+    for path, _ in to_remove if remove else []:
         if path.is_symlink() or not path.is_dir():
             path.unlink(missing_ok=True)
             continue
@@ -181,16 +181,16 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
         except OSError as error:
             raise location.unwritable(error, path.name[:12]) from error
         shutil.rmtree(aside, ignore_errors=True)
-    return gone
+    return to_remove
 
 
 def said(gone, removed, quota_gb=None):
     """Text: what `prune` removed, [(path, bytes)], or would remove, and how much stays."""
     freed = sum(count for _, count in gone)
-    left = size() - (0 if removed else freed)
+    bytes_left = size() - (0 if removed else freed)
     verb = "removed" if removed else "would be removed (--remove does it)"
-    text = f"{len(gone)} entries, {freed / 1e6:.1f} MB {verb}; {left / 1e9:.3f} GB stay"
-    if quota_gb is not None and left > quota_gb * 1e9:
+    text = f"{len(gone)} entries, {freed / 1e6:.1f} MB {verb}; {bytes_left / 1e9:.3f} GB stay"
+    if quota_gb is not None and bytes_left > quota_gb * 1e9:
         text += f", more than the quota of {quota_gb:g} GB: delivered, pinned, or of the last hour"
     return text
 

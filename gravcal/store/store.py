@@ -105,24 +105,24 @@ def put(key, recipe, made, facts):
     is full or the store not writable, which is then as before.
     """
     dataset, files = made
-    content, aside = product.digest(dataset), location.new_aside()
-    labels = product.provenance(recipe, key, content, keys.versions()["gravcal"])
-    extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+    digest, aside = product.digest(dataset), location.new_aside()
+    labels = product.provenance(recipe, key, digest, keys.versions()["gravcal"])
+    contents = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     try:
         location.prepare()
         aside.mkdir()
         product.write(dataset.assign_attrs(labels), aside / "product.nc")
-        for name, text in extra.items():
+        for name, text in contents.items():
             (aside / Path(name).name).write_bytes(text)
         image = (aside / "product.nc").read_bytes()
         record = {
             "key": key,
-            "digest": content,
+            "digest": digest,
             "sha256": hashlib.sha256(image).hexdigest(),
             "bytes": len(image),
             "mtime_ns": (aside / "product.nc").stat().st_mtime_ns,
-            "labels_at": [image.find(text.encode()) for text in (key, content)],
-            "files": {name: hashlib.sha256(text).hexdigest() for name, text in extra.items()},
+            "labels_at": [image.find(text.encode()) for text in (key, digest)],
+            "files": {name: hashlib.sha256(text).hexdigest() for name, text in contents.items()},
             "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "machine": platform.node(),
             "recipe": recipe,

@@ -654,8 +654,8 @@ def _tags(arrays, table, where):
     if len(table.time) > 1:
         column, values = table.column(table.time[1]), arrays[table.time[1]]
         tick = TICKS[column.units]
-        beyond = np.count_nonzero((values < 0) | (values >= TICKS["s"] // tick))
-        if beyond > len(values) / 2:
+        too_large = np.count_nonzero((values < 0) | (values >= TICKS["s"] // tick))
+        if too_large > len(values) / 2:
             largest = f"{column.name} up to {values.max()} {column.unit}"
             refuse(where, largest, "less than one second", "The unit differs from the table's: correct the table.")
         ticks = ticks + values * tick
@@ -674,8 +674,8 @@ def _assembled(arrays, seconds, ticks, flag, table):  # Dataset over "record" wi
     }
     names = srf_names(table)
     bits = int(np.bitwise_or.reduce(arrays["prod_flag"], initial=0)) if table.optional else 0
-    held = [column for column in table.optional if bits >> column.bit & 1]  # by at least one record
-    for column in (*table.columns, *held, *table.repeated):
+    present = [column for column in table.optional if bits >> column.bit & 1]  # by at least one record
+    for column in (*table.columns, *present, *table.repeated):
         dims = ("record", "slot") if column in table.repeated else "record"
         name = names.get(column.name, column.name)
         about = table.column(name)
@@ -773,12 +773,12 @@ def _check_identity(file, header, table, arrays, expected):
     where, (satellite, day) = file.where, expected
     if not table.id_name:  # a combined product is the file of either satellite
         satellite = archive.TOGETHER.get(satellite, satellite)
-    said = {"name": file.satellite, "request": satellite or ""}
+    claimed = {"name": file.satellite, "request": satellite or ""}
     if table.id_name and len(arrays[table.id_name]):
-        said["records"] = chr(np.bincount(arrays[table.id_name].view(np.uint8)).argmax())
+        claimed["records"] = chr(np.bincount(arrays[table.id_name].view(np.uint8)).argmax())
     else:  # headers are known to name the other satellite: records overrule them
-        said["header"] = header.satellite
-    letters = {k: v for k, v in said.items() if v}
+        claimed["header"] = header.satellite
+    letters = {k: v for k, v in claimed.items() if v}
     if len(set(letters.values())) > 1:
         claims = ", ".join(f"{v} by its {k}" for k, v in letters.items())
         refuse(where, f"satellite {claims}", "one satellite", "Take the file of the right satellite.", **letters)
@@ -795,15 +795,15 @@ def _check_identity(file, header, table, arrays, expected):
             first = np.datetime_as_string(noon_2000 + np.timedelta64(int(seconds[0]), "s"))
             coverage = f"no record of {day}, the first at {first} GPS"
             refuse(where, coverage, f"records of {day}", "Take the right day's file.")
-    wrong = _other_time(arrays, table)
-    if wrong is not None and 2 * np.count_nonzero(wrong) > wrong.size:  # fewer are flagged
-        written = ", ".join(sorted({one.decode("latin-1") for one in np.unique(arrays["time_ref"][wrong])}))
+    other_scale = _other_time(arrays, table)
+    if other_scale is not None and 2 * np.count_nonzero(other_scale) > other_scale.size:  # fewer are flagged
+        written = ", ".join(sorted({one.decode("latin-1") for one in np.unique(arrays["time_ref"][other_scale])}))
         expected = f"{', '.join(KNOWN_TIMES[table.time_scale].decode())} for {table.time_scale} time"
         remedy = "The tags are of another time scale: take the product of the right level."
         refuse(where, f"time_ref {written}", expected, remedy)
-    lengths = _off_length(arrays, table)
-    if lengths is not None and np.count_nonzero(lengths) > NORM_SHARE * lengths.size:  # fewer are flagged
-        norms = f"{np.count_nonzero(lengths)} of {lengths.size} quaternions whose norm is not one"
+    off_norm = _off_length(arrays, table)
+    if off_norm is not None and np.count_nonzero(off_norm) > NORM_SHARE * off_norm.size:  # fewer are flagged
+        norms = f"{np.count_nonzero(off_norm)} of {off_norm.size} quaternions whose norm is not one"
         refuse(where, norms, "unit quaternions", "The file is damaged: fetch it again, or write it with more digits.")
 
 
