@@ -1,4 +1,4 @@
-"""Centre-of-mass offset from Level-1 files, 10.3390/rs14164030; functions of `Source` and `Parameters` as of stages."""
+"""Centre-of-mass offset from Level-1 files (10.3390/rs14164030); arguments: source a `Source`, chosen `Parameters`."""
 
 from flows.calibration import Calibration, Discovery, of_columns, stated
 from flows.engine import flow

@@ -1,4 +1,4 @@
-"""Gravity-gradient torque and drag: from an SGRS file to the drag by each method, and the limits of one sensor."""
+"""Gravity-gradient torque and drag: drag by each method from an SGRS file; source: `Source`, chosen: `Parameters`."""
 
 import functools
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Inertial-sensor calibration: from voltages and attitude to scale factors, offset and bias."""
+"""Inertial sensor: scale factors, offset and bias from voltages, attitude; source: `Source`, chosen: `Parameters`."""
 
 from datetime import timedelta
 

@@ -1,4 +1,4 @@
-"""Antenna phase centres: from Level-1 files of a pair to reported vectors."""
+"""Antenna phase centres from Level-1 files of a pair; arguments: source a `Source`, chosen `Parameters`."""
 
 from dataclasses import replace
 from datetime import timedelta

@@ -1,4 +1,4 @@
-"""Magnetometer: from measured field, attitude and orbit to bias, scale, axes and leak of the torquers."""
+"""Magnetometer: bias, scale, axes and torquer coupling from field, attitude and orbit; `Source`, `Parameters`."""
 
 import functools
 

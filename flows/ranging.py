@@ -1,4 +1,4 @@
-"""Routine pointing: from ranging, orbits and attitudes of a day without wiggles to the phase centres."""
+"""Phase centres from ranging, orbits and attitudes of a day without wiggles; source: `Source`, chosen: `Parameters`."""
 
 from flows import kbr_phase_centre as wiggles
 from flows.calibration import Calibration, Discovery, stated

@@ -1,4 +1,4 @@
-"""A routine day: measured against simulated readings of every instrument that has records, and causes of residuals."""
+"""Routine day: measured against simulated readings of every instrument; source: `Source`, chosen: `Parameters`."""
 
 import functools
 from dataclasses import replace

@@ -1,4 +1,4 @@
-"""Attitude thrusters: from star camera and firings of a day to gain of the impulses and delay of the tags."""
+"""Attitude thrusters: gain and tag delay from star camera and firings; source: `Source`, chosen: `Parameters`."""
 
 import functools
 from dataclasses import replace
