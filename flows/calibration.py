@@ -1,4 +1,4 @@
-"""What a calibration is: one record beside its flow, found by the entry point group `gravcal.calibrations`.
+"""The record `Calibration` of a calibration, next to its flow, found by the entry point group `gravcal.calibrations`.
 
 A package adds a calibration by an entry point of this group, `name = "module:CALIBRATION"`. Command line, catalogue,
 plan, campaign, series, browser and reports read the record; nothing else names a calibration. See
@@ -38,7 +38,7 @@ writers = lazy("gravcal.io.writers")
 
 @dataclass(frozen=True)
 class Discovery:
-    """How discovery gets at a calibration."""
+    """How a discovery gets records, observations and results of a calibration; arguments: `Source`, `Parameters`."""
 
     #: (source, chosen) -> settings of ``observe`` beside the products and those of the stage "discovery"
     settings: Callable
@@ -58,29 +58,29 @@ class Discovery:
 
     @staticmethod
     def chosen_for(chosen) -> tuple[dict, dict]:
-        """Settings of the stage "discovery": those of ``observe``, and those of the search itself."""
+        """Settings of the stage "discovery" in two dicts: of ``observe``, and of the search (`discovery.LIMITS`)."""
         limits = chosen.for_stage("discovery")
         limits["segment_s"] = limits.pop("heldout_s", None) or limits["segment_s"]
         return {name: limits.pop(name) for name in set(limits) - set(discovery.LIMITS)}, limits
 
     def read(self, source, chosen):
-        """Product that a model changes, without the effects of the model that is given."""
+        """ProductRef of `records` less the effects of ``chosen.model`` on that day; None without `records`."""
         records = self.records and self.records(source, chosen)
         model = model_of_event(chosen.model, source) if "model" in chosen.entries else ""
         return self.without(source, chosen, records, model) if records and model else records
 
     def built(self, source, chosen, records):
-        """Products of records that the observations are built from, by name."""
+        """{name: ProductRef} that the observations are built from, made of ``records`` (ProductRef)."""
         if self.products is None:
             return {records.kind.rpartition(".")[2]: records}
         return self.products(source, chosen, records)
 
     def baseline(self, source, chosen):
-        """Products that the observations are built from, by name."""
+        """{name: ProductRef} that the observations are built from, made of the records as `read` returns them."""
         return self.built(source, chosen, self.read(source, chosen))
 
     def without(self, source, chosen, records, model, variant="extended", products=None):
-        """Records without the effects of a model; ``products`` are theirs by name, where they are known."""
+        """ProductRef of records less the effects of a model (JSON); ``products``, if known, are `built` of these."""
         products = products or self.built(source, chosen, records)
         return discovery.extend(
             *products.values(),
@@ -93,7 +93,7 @@ class Discovery:
         )
 
     def taken_out(self, source, chosen, records, solved=None, products=None, *, alone=False):
-        """Records without the effects of the given model; not alone: results (of ``solved``) for each of its errors."""
+        """(records less the effects of ``chosen.model``, [``solved(records)`` for `moved_models`, none if alone])."""
         model = model_of_event(chosen.model, source)
         if not model:
             return records, []
@@ -104,7 +104,7 @@ class Discovery:
         return self.without(source, chosen, records, model, products=products), results  # latest/ leads to it
 
     def given(self, name, source, chosen, recorded, solved=None):
-        """Records without the given model's effects; results (of ``solved``) for its errors; text of `model_result`."""
+        """(records, results, `model_result`): as `taken_out`, results only if that text is "" or with ``solved``."""
         added = model_result(chosen.model, name, recorded.digest)
         return *self.taken_out(source, chosen, recorded, solved, alone=bool(added and not solved)), added
 
@@ -157,13 +157,13 @@ class Calibration:
     discovery: Discovery | None = None
 
     def __post_init__(self):
-        """Where nothing else is said, sources and files are found in the common way."""
+        """Set `source` and `level_one_files` to the functions of `tasks.common` where they are None."""
         for name, common_way in {"source": common.source_of, "level_one_files": common.level_one_files}.items():
             if getattr(self, name) is None:
                 object.__setattr__(self, name, functools.partial(common_way, self))
 
     def days(self, data) -> list[tuple[Path, str, str | None]]:
-        """Folders, satellites and dates of the events below a folder."""
+        """(folder, letters, date YYYY-MM-DD or None if of several days) of each event with files below a folder."""
         return common.days_of(self, data)
 
     def simulate(self, out, *, seed, truth=None, effects=None, settings=None) -> dict:
@@ -185,13 +185,13 @@ class Calibration:
         return invented
 
     def detected(self, ref) -> dict:
-        """Document with the manoeuvres of a product of `detect`."""
+        """{"event", "origin", "manoeuvres": [{"kind", "start", "stop"} in GPS s]} of a ProductRef of `detect`."""
         detected = read(ref)
         return {"event": ref.event, "origin": detected.attrs["origin"], "manoeuvres": list(self.manoeuvres(detected))}
 
 
 def stated(file: str) -> dict:
-    """Fields of a record that are data: its name, and those of the TOML file beside its module, lists as tuples."""
+    """Fields of a `Calibration` {name: value}: those of the TOML file next to its module ``file``, lists as tuples."""
     content = tomllib.loads(Path(file).with_suffix(".toml").read_text(encoding="utf-8"))
     plain = lambda value: tuple(value) if isinstance(value, list) else value  # noqa: E731
     tables = {n: {k: plain(v) for k, v in one.items()} for n, one in content.items() if isinstance(one, dict)}
@@ -199,13 +199,13 @@ def stated(file: str) -> dict:
 
 
 def of_columns(module: str) -> Callable:
-    """Simulation that writes the Level-1 files of the satellites of its settings, for a record.
+    """`Calibration.simulation` that writes the columns of a module as the Level-1 files of the satellites set.
 
     The module has ``simulate(satellite, chosen, day, seed, effects)`` as `gravcal.simulation` says; its columns are by
     product, or by product and letter.
     """
 
-    def simulation(out, chosen, day, seed, effects, _truth):
+    def simulation(out, chosen, day, seed, effects, _truth):  # as of `Calibration.simulation`
         letters = chosen.satellites if "satellites" in chosen.entries else chosen.satellite
         flown = letters if letters[1:] else catalog.satellite(letters).settings()
         columns, invented = importlib.import_module(module).simulate(flown, chosen, day, seed, effects)
@@ -224,7 +224,7 @@ def known() -> tuple[str, ...]:
 
 @functools.cache
 def load(name: str) -> Calibration:
-    """Record of an installed calibration; its schema and its part of the catalogue are made known."""
+    """`Calibration` of an installed calibration by name; its schema and its catalogue folder are registered."""
     record = _entry_points(*sys.path)[name].load()
     if not isinstance(record, Calibration) or record.name != name:
         raise TypeError(f"entry point {name} of {GROUP}: found {record!r:.80}, expected the Calibration {name!r}")
@@ -241,12 +241,12 @@ def load_all() -> dict[str, Calibration]:
 
 
 @functools.cache  # they are read from all that is installed, once for a search path
-def _entry_points(*_places):
+def _entry_points(*_places):  # {name: EntryPoint}; the places, sys.path, are the key of the cache only
     return {point.name: point for point in metadata.entry_points(group=GROUP)}
 
 
 def model_text(path: Path) -> str:
-    """Entries of a model file in the form that a stage takes them, the same for the same numbers.
+    """Model file (TOML) as the JSON list of `_entry` that stages take, names sorted; "" without effects.
 
     The TOML file holds a list of [[effect]]: cause, form, parameters.<name> = {value, sigma, unit}; and [result] if it
     says what the search adds to the result of the records that it was made in. An effect of the model of a satellite
@@ -255,7 +255,7 @@ def model_text(path: Path) -> str:
     content = catalog.read_file(Path(path), "model")[1]
     if "effect" not in content:  # of a satellite whose events share no cause
         return ""
-    made = [_entry(one, path) for one in content["effect"]]
+    entries = [_entry(one, path) for one in content["effect"]]
     if "result" in content:
         one = content["result"]
         try:
@@ -265,13 +265,13 @@ def model_text(path: Path) -> str:
         if added.shape != (shift.size, shift.size):
             fault = "[result] whose correction and covariance do not belong together"
             refuse(path, fault, "p and p x p numbers", WRITTEN, CatalogError)
-        words = {name: one[name] for name in ("calibration", "records")}
-        made[0]["result"] = words | {"correction": shift.tolist(), "covariance": added.tolist()}
-    return json.dumps(made, sort_keys=True, allow_nan=False)
+        about = {name: one[name] for name in ("calibration", "records")}
+        entries[0]["result"] = about | {"correction": shift.tolist(), "covariance": added.tolist()}
+    return json.dumps(entries, sort_keys=True, allow_nan=False)
 
 
 def model_result(text: str, calibration: str, records: str | None) -> str:
-    """What a search adds to the result of a calibration, JSON of SI numbers; "" where the model is of other records.
+    """JSON {"correction": (p,), "covariance": (p, p)}, SI, of a model's [result]; "" if of other records.
 
     The records are known by their digest; None, in a plan, are taken for those of the search.
     """
@@ -280,47 +280,47 @@ def model_result(text: str, calibration: str, records: str | None) -> str:
     return json.dumps({name: added[name] for name in ("correction", "covariance")}, sort_keys=True) if same else ""
 
 
-def _entry(one, path):
-    """Entry with what a stage needs of it."""
-    cause, values = one["cause"], {}
+def _entry(effect, path):
+    """Entry of a model for a stage: {"cause", "form", "parameters": {name: {"value", ...}}, ...}, names checked."""
+    cause, values = effect["cause"], {}
     known = None if cause.startswith("unknown:") else [p.name for p in effect_catalogue.effect(cause).parameters]
-    for name, parameter in one["parameters"].items():
+    for name, parameter in effect["parameters"].items():
         if known is not None and name not in known and name.removesuffix("_1").removesuffix("_2") not in known:
             refuse(path, f"{cause}.{name}", f"one of {', '.join(known)}", WRITTEN, CatalogError)
         values[name] = {n: float(parameter[n]) for n in ("value", "sigma") if n in parameter}
         values[name] |= {"unit": parameter["unit"]} if "unit" in parameter else {}
         if "sigma" in parameter and "correlation" in parameter:
             values[name]["correlation"] = {other: float(r) for other, r in parameter["correlation"].items()}
-    lists = {name: one[name] for name in ("waves", "leads") if name in one}
-    days = {name: str(one[name]) for name in ("from", "to") if name in one}
-    return {"cause": cause, "form": one.get("form", ""), "parameters": values} | lists | days
+    lists = {name: effect[name] for name in ("waves", "leads") if name in effect}
+    days = {name: str(effect[name]) for name in ("from", "to") if name in effect}
+    return {"cause": cause, "form": effect.get("form", ""), "parameters": values} | lists | days
 
 
 def model_of_event(text: str, source) -> str:
-    """Entries of a model that hold on the day of a source: some of the model of a satellite are of a span of days."""
-    kept = json.loads(text) if text else []
-    if not any("from" in one or "to" in one for one in kept):
+    """Model (JSON) with the entries that hold on the day of a source, from <= day < to; "" where none does."""
+    entries = json.loads(text) if text else []
+    if not any("from" in one or "to" in one for one in entries):
         return text
     day = getattr(source, "date", None) or ""
-    kept = [one for one in kept if one.pop("from", "") <= day < one.pop("to", "~")]
-    return json.dumps(kept, sort_keys=True, allow_nan=False) if kept else ""
+    entries = [one for one in entries if one.pop("from", "") <= day < one.pop("to", "~")]
+    return json.dumps(entries, sort_keys=True, allow_nan=False) if entries else ""
 
 
 def moved_models(text: str) -> list[str]:
-    """Models moved by their error: by one sigma along each principal direction of an effect's parameters."""
+    """Models (JSON), each with one effect's parameters moved by a column of the square root of their covariance."""
     entries, models = json.loads(text), []
     for number, entry in enumerate(entries):
         known = entry["parameters"]
         sigma = {name: one["sigma"] for name, one in known.items() if one.get("sigma")}
         if not sigma:
             continue
-        row = {name: known[name].get("correlation", {}) for name in sigma}
-        related = [[1.0 if n == m else row[n].get(m, row[m].get(n, 0.0)) for m in sigma] for n in sigma]
-        size, vectors = np.linalg.eigh(np.array(related))
-        moves = np.array([*sigma.values()])[:, None] * vectors * np.sqrt(np.clip(size, 0.0, None))
-        for column in moves.T[moves.any(axis=0)].tolist():  # squares add up to the covariance of the parameters
-            move = dict(zip(sigma, column, strict=True))
+        listed = {name: known[name].get("correlation", {}) for name in sigma}
+        correlation = [[1.0 if n == m else listed[n].get(m, listed[m].get(n, 0.0)) for m in sigma] for n in sigma]
+        eigenvalues, eigenvectors = np.linalg.eigh(np.array(correlation))
+        steps = np.array([*sigma.values()])[:, None] * eigenvectors * np.sqrt(np.clip(eigenvalues, 0.0, None))
+        for step in steps.T[steps.any(axis=0)].tolist():  # squares add up to the covariance of the parameters
+            move = dict(zip(sigma, step, strict=True))
             values = {n: p | {"value": p["value"] + move.get(n, 0.0)} for n, p in known.items()}
-            others = [*entries[:number], entry | {"parameters": values}, *entries[number + 1 :]]
-            models.append(json.dumps(others, sort_keys=True, allow_nan=False))
+            moved = [*entries[:number], entry | {"parameters": values}, *entries[number + 1 :]]
+            models.append(json.dumps(moved, sort_keys=True, allow_nan=False))
     return models

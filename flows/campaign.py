@@ -82,49 +82,49 @@ def run(campaign, sources, listener=None):
     for source, row in zip(sources, rows, strict=True):  # one that failed says whether its records are simulated
         if row["status"] == "failed" and hasattr(source, "folder"):
             row["origin"] = command.origin_of(source)
-    counts = collections.Counter(row["status"] for row in rows)
+    by_status = collections.Counter(row["status"] for row in rows)
     return {
         "schema_version": schemas.VERSION,
-        "status": next((status for status in ORDER if counts[status]), "no_data"),
+        "status": next((status for status in ORDER if by_status[status]), "no_data"),
         "calibration": campaign.calibration,
         "configuration": campaign.chosen.configuration,
         "origin": product.origins_together(row.get("origin", "") for row in rows) or product.MEASURED,
-        "counts": dict(counts),
+        "counts": dict(by_status),
         "events": rows,
     }
 
 
 def exit_code(summary):
-    """1 when an event failed, else 4 when one is questionable, else 0: having no data or manoeuvre is no failure."""
+    """Exit code: 1 if an event failed, else 4 if one is questionable, else 0 (no data or manoeuvre is no failure)."""
     return command.EXIT[summary["status"]] if summary["status"] in ("failed", "questionable") else 0
 
 
 def answered(campaign, source):
-    """Row of an event that is refused, whose products are all in the store or that fails as before; else None."""
+    """Row (dict) of an event that is refused, all in the store, or fails as before; None if a stage has to run."""
     started, event = time.perf_counter(), source.event
     if isinstance(source, command.Refused):
         return {"event": event, "status": source.status, "error": source.error} | _effort(0, 0, started)
-    one, chosen = campaign.one, campaign.chosen
-    name = one.flow.flow_name
+    calibration, chosen = campaign.one, campaign.chosen
+    name = calibration.flow.flow_name
     try:
         with location.configured(chosen.configuration):
             failure = None if campaign.again else history.failure(event, name)
             if not failure and not location.links(event, location.OPERATIONAL).exists():
                 return None  # never made: its files are read by who makes it
-            steps, ref = engine.plan(one.flow, source, chosen)
-            there = list(itertools.takewhile(lambda step: step.action == "reuse", steps))
-            effort = _effort(0, len(there), started)
-            left = steps[len(there) :]
-            if left and failure and left[0].key and left[0].key == failure["failed_key"]:
+            steps, ref = engine.plan(calibration.flow, source, chosen)
+            reusable = list(itertools.takewhile(lambda step: step.action == "reuse", steps))
+            effort = _effort(0, len(reusable), started)
+            remaining = steps[len(reusable) :]
+            if remaining and failure and remaining[0].key and remaining[0].key == failure["failed_key"]:
                 failed = {"event": event, "status": "failed", "error": failure["reason"]}
                 return failed | {"since": failure["started"]} | effort
-            if left:
+            if remaining:
                 return None
             with history.recorded(name, ref.event) as note:
-                for step in there:
+                for step in reusable:
                     store.point(step.ref)
                     note(step, "cached", step.ref)
-            return _row(one, ref, note) | effort
+            return _row(calibration, ref, note) | effort
     except GravcalError as error:  # such as a file that is missing: nothing had to be computed to see it
         noted = history.recorded(name, event)
         with contextlib.suppress(GravcalError), location.configured(chosen.configuration), noted:
@@ -135,35 +135,35 @@ def answered(campaign, source):
 
 
 def make(campaign, source, folder):
-    """Row of one event, calibrated with its stages in this process."""
+    """Row (dict) of one event, its stages run in this process with the store in ``folder``."""
     os.environ[history.REMAKE] = "1" if campaign.remake_versions else "0"
     engine.single_threaded()
     os.environ.setdefault("POLARS_MAX_THREADS", "1")  # a run of its own reads with all cores; here each worker has one
     os.environ["GRAVCAL_PRODUCTS"] = folder
     counts, started, event = {"made": 0, "cached": 0}, time.perf_counter(), source.event
 
-    def count(_call, state, _ref):
+    def count(_call, state, _ref):  # listener of stages
         counts[state] += 1
 
     try:
         with location.configured(campaign.chosen.configuration), engine.one_thread():
-            one = campaign.one
-            noted = history.recorded(one.flow.flow_name, event)
+            calibration = campaign.one
+            noted = history.recorded(calibration.flow.flow_name, event)
             with stage.using(stage.inline, count), noted as note, stage.using(stage.inline, note):
-                ref = one.flow(source, campaign.chosen)
-            row = _row(one, ref, note)
+                ref = calibration.flow(source, campaign.chosen)
+            row = _row(calibration, ref, note)
     except GravcalError as error:
         row = {"event": event, "status": command.status_of(error), "error": str(error)}
     except Exception as error:  # noqa: BLE001 - one event must not stop the others
-        where = traceback.extract_tb(error.__traceback__)[-1]
-        text = f"{type(error).__name__}: {error} ({where.filename}:{where.lineno})"
+        frame = traceback.extract_tb(error.__traceback__)[-1]
+        text = f"{type(error).__name__}: {error} ({frame.filename}:{frame.lineno})"
         row = {"event": event, "status": "failed", "error": text}
     finally:
         stage.forget()  # events do not share products; a worker lives for thousands
     return row | _effort(counts["made"], counts["cached"], started)
 
 
-def _row(calibration: Calibration, ref, note):
+def _row(calibration: Calibration, ref, note):  # dict of status, verdict, values of a report; note: `history.recorded`
     document = calibration.document(ref)
     verdict = document.get("verdict")
     verdict = verdict.get("text", "") if isinstance(verdict, dict) else verdict or ""
@@ -184,54 +184,54 @@ def _row(calibration: Calibration, ref, note):
     return row | ({"other_versions": other} if other else {})
 
 
-def _effort(made, reused, started):
+def _effort(made, reused, started):  # numbers of products, and wall time since `started` of perf_counter
     return {"made": made, "reused": reused, "seconds": round(time.perf_counter() - started, 3)}
 
 
 @contextlib.contextmanager
 def cluster(campaign, count):
-    """Client of the cluster named, or of so many worker processes of this machine, one thread each."""
+    """Dask Client of the scheduler named, or of ``count`` worker processes of this machine, one thread each."""
     for name, value in server.DASK.items():
         os.environ.setdefault(name, value)
     from distributed import Client, LocalCluster
 
     if campaign.scheduler:
         with Client(campaign.scheduler, timeout="20s") as client:
-            own, known = keys.versions()["gravcal"], client.run(keys.versions)
-            other = {worker: one["gravcal"] for worker, one in known.items() if one["gravcal"] != own}
-            for worker, version in other.items():
+            own, versions = keys.versions()["gravcal"], client.run(keys.versions)
+            differing = {worker: one["gravcal"] for worker, one in versions.items() if one["gravcal"] != own}
+            for worker, version in differing.items():
                 refuse(worker, f"gravcal {version}", f"{own}, as here", "Install the same version on all workers.")
             client.get_versions(check=True)
             yield client
         return
-    here = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
-    here["security"] = True  # TLS with keys of this cluster alone: Dask executes what it is sent, by any user
-    local = LocalCluster(n_workers=count, threads_per_worker=1, processes=True, silence_logs=50, **here)
+    options = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "scheduler_kwargs": {"dashboard": False}}
+    options["security"] = True  # TLS with keys of this cluster alone: Dask executes what it is sent, by any user
+    local = LocalCluster(n_workers=count, threads_per_worker=1, processes=True, silence_logs=50, **options)
     with local, Client(local) as client:
         yield client
 
 
 def _make_all(campaign, sources, rows, listener):
-    """Fill in the rows of the events that have something to make; workers begin while a server starts."""
-    folder, gate = str(location.folder()), threading.Lock()
+    """Replace each None of ``rows`` by the row of its source, made by workers, which begin while a server starts."""
+    folder, lock = str(location.folder()), threading.Lock()
     waiting = {number: source for number, source in enumerate(sources) if rows[number] is None}
 
-    def heard(number, row):
+    def heard(number, row):  # store and announce the row of a source
         rows[number] = row
         if campaign.engine != "flow":  # its tasks show them
-            with gate:
+            with lock:
                 listener(row)
         return row
 
     if campaign.workers == 0:
-        own = lambda number: heard(number, make(campaign, waiting[number], folder))  # noqa: E731
+        make_here = lambda number: heard(number, make(campaign, waiting[number], folder))  # noqa: E731
         for number, source in waiting.items():
-            as_tasks({number: source}, own) if campaign.engine == "flow" else own(number)
+            as_tasks({number: source}, make_here) if campaign.engine == "flow" else make_here(number)
         return None
     count = min(campaign.workers or os.cpu_count() or 1, len(waiting))
     with cluster(campaign, count) as client:
-        how = {"pure": False, "retries": 2}
-        futures = {number: client.submit(make, campaign, one, folder, **how) for number, one in waiting.items()}
+        options = {"pure": False, "retries": 2}
+        futures = {number: client.submit(make, campaign, one, folder, **options) for number, one in waiting.items()}
 
         def row_of(number):
             """Row of one event, made by a worker; one that dies is replaced twice."""
@@ -243,7 +243,7 @@ def _make_all(campaign, sources, rows, listener):
             return heard(number, row)
 
         def events():
-            """Make the events as tasks of one flow; beside it a table of the first of them."""
+            """Make the events as tasks of the running flow; a table of their rows becomes an artifact."""
             from prefect.artifacts import create_table_artifact
 
             as_tasks(waiting, row_of)
@@ -268,7 +268,7 @@ def _make_all(campaign, sources, rows, listener):
 
 
 def as_tasks(waiting, row_of):
-    """Make the events, each a task of the Prefect flow that is running; its threads only wait for workers."""
+    """Make events {number: source} by ``row_of(number)`` as tasks of the Prefect flow that runs; threads only wait."""
     import prefect
     from prefect.cache_policies import NO_CACHE
 
@@ -286,7 +286,7 @@ def as_tasks(waiting, row_of):
 
 
 def state_of(rows):
-    """Prefect's state of the events of one task: of a single one its own name and what was done; what went wrong."""
+    """Prefect state of one task from its rows: Failed with their errors, else Completed; one row: its status."""
     from prefect.states import Completed, Failed
 
     failed = [row for row in rows if row["status"] == "failed"]
@@ -302,6 +302,6 @@ def state_of(rows):
 
 
 def table(rows):
-    """Rows as a page can show them, the failed first; and in words what is left out, "" if nothing is."""
+    """(first ROWS rows, failed and questionable before others; text that says how many are left out, "" if none)."""
     shown = sorted(rows, key=lambda row: (row["status"] != "failed", row["status"] != "questionable"))[:ROWS]
     return shown, f"; {len(rows) - ROWS} of {len(rows)} events are not shown" if len(rows) > ROWS else ""

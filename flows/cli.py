@@ -49,7 +49,7 @@ TYPES = {"path": Path, "whole": int, "number": float, "flag": bool, "texts": lis
 
 
 def complete_events() -> list[str]:
-    """Events of the catalogue and of the store; typer keeps those that begin as was typed."""
+    """Names of events of the catalogue and of the store, of which typer keeps those that begin as was typed."""
     names = {path.name for path in (location.folder() / "latest").glob("*")}
     with contextlib.suppress(Exception):  # a broken catalogue must not break the shell
         names |= {event.name for event in catalog.events()}
@@ -57,7 +57,7 @@ def complete_events() -> list[str]:
 
 
 def complete_settings(ctx) -> list[str]:
-    """Parameters of the calibration that was named, with an equals sign."""
+    """Completions "name=" of the parameters of the calibration named on the command line."""
     words = [ctx.params.get("calibration"), *ctx.args]  # an option without its value leaves its words over
     name = next((word for word in words if word in known()), "")
     with contextlib.suppress(Exception):
@@ -66,13 +66,13 @@ def complete_settings(ctx) -> list[str]:
 
 
 def complete_effects() -> list[str]:
-    """Parameters of the effects, with an equals sign."""
+    """Completions "slug.parameter=" of all effects of the catalogue."""
     entries = sorted(effect_catalogue.catalogue().items())
     return [f"{slug}.{p.name}=" for slug, one in entries for p in one.parameters]
 
 
 def writable(ctx: typer.Context, path: Path | None) -> Path | None:
-    """Path of a file that can be written; its folder is made, and what stands there is left alone."""
+    """Path itself, BadParameter unless a file can be written there; creates its folder, keeps an existing file."""
     if path is None or str(path) == "-" or ctx.resilient_parsing:
         return path
     try:
@@ -108,7 +108,7 @@ app.add_typer(products, name="products")
 def command_of(group, name=None):
     """Decorator that makes a function a command; its parameters are those of `ARGUMENTS` with their names."""
 
-    def decorate(body):
+    def decorate(body):  # the command
         own = ARGUMENTS.get(body.__name__, {})
         made = [
             argument(one, ARGUMENTS["common"].get(one, {}) | own.get(one, {})) for one in signature(body).parameters
@@ -133,7 +133,7 @@ def argument(name, stated):
 
 @contextlib.contextmanager
 def _failures(calibration, source, json_path, configuration):
-    """Write a document with status "failed" before an error goes on."""
+    """Context that writes a document of status "failed" (source: Source, or event or folder name) before it raises."""
     try:
         yield
     except GravcalError as problem:
@@ -142,7 +142,7 @@ def _failures(calibration, source, json_path, configuration):
 
 
 def _prepared(calibration, event, data, satellite, date, settings, model, as_, json):
-    """Source and parameters of one event; where there is none, the document says so."""
+    """(Source, Parameters) of one event; if refused, a document of status "failed" is written first."""
     with _failures(calibration, event or str(data), json, as_ or location.OPERATIONAL):
         chosen = command.chosen(calibration, settings, model, as_)
     with _failures(calibration, event or str(data), json, chosen.configuration):
@@ -220,7 +220,7 @@ def discover(
 
 
 def _joint(calibration, satellite, data, configuration, events, engine, workers, out, json):
-    """Search many events together, and say what that found and what has changed since the last time."""
+    """Run the joint search of many events and print it; configuration: (settings, model, name); out: copy of page."""
     command.check_searched(calibration)
     chosen = configurations.record(command.chosen(calibration, *configuration))
     named = [one.strip() for one in events.split(",") if one.strip()]
@@ -466,7 +466,7 @@ def history(product, with_settings, json) -> None:
 
 
 def _history_rows(node, depth, listed, settings):
-    """Rows of a product, its settings if wanted, and its inputs, each product once."""
+    """Rows (name, key or digest, version, made) of a provenance tree, indented by depth; ``listed``: keys so far."""
     name = "  " * depth + node["name"]
     if node["record"] is None:
         yield [name, node["digest"][:12] if "digest" in node else "(no longer in the store)", "", ""]
@@ -556,7 +556,7 @@ def promote(calibration, name, why, who, json) -> None:
         output.say("Links and reports follow with the next run or campaign; gravcal plan says what that makes again.")
 
 
-def _promoted(one):
+def _promoted(one):  # text on a promotion, dict of `configurations.operational`
     if not one["when"]:
         return "the catalogue"
     return f"{one['name']} is operational since {one['when'][:16].replace('T', ' ')} UTC ({one['who']}: {one['why']})"

@@ -1,4 +1,4 @@
-"""Centre-of-mass offset: from Level-1 files to a reported offset."""
+"""Centre-of-mass offset from Level-1 files (10.3390/rs14164030); arguments: source a `Source`, chosen `Parameters`."""
 
 from flows.calibration import Calibration, Discovery, of_columns, stated
 from flows.engine import flow
@@ -16,7 +16,7 @@ TORQUERS_WITH_SIGMA = (*TORQUERS, "inertia_sigma", "dipole_per_current_sigma")
 
 @flow(name="com_offset")
 def calibrate(source, chosen):
-    """Offset of the centre of mass from the manoeuvres of one day."""
+    """ProductRef of the report on the offset of the centre of mass from the manoeuvres of one day."""
     spans, recorded = _aligned(source, chosen)
     aligned, *added = DISCOVERY.given("com_offset", source, chosen, recorded)
     checked = com_offset.field(aligned, **chosen.for_stage("field"))
@@ -31,14 +31,14 @@ def calibrate(source, chosen):
     return com_offset.report(*products, **about, published=common.printed_of("com_offset", source.event))
 
 
-def _aligned(source, chosen):
+def _aligned(source, chosen):  # ProductRefs of the stages "detect" and "align"
     files = {name: common.ingest(source.file(*names), event=source.event) for name, names in CALIBRATION.inputs.items()}
     detected = com_offset.detect(files["mag"], **chosen.for_stage("detect"))
     return detected, com_offset.align(detected, *files.values(), **chosen.for_stage("align"))
 
 
 def _solved(source, chosen, aligned, checked, variants):
-    """Attitude; angular acceleration of each variant, and the offset of every manoeuvre from it."""
+    """ProductRef of the attitude; lists, by variant, of angular accelerations and of offsets of all manoeuvres."""
     satellite = catalog.satellite(source.satellite).settings()
     settings = {n: satellite[n] for n in TORQUERS_WITH_SIGMA} | chosen.for_stage("angular_acceleration")
     torquers = {n: satellite[n] for n in TORQUERS}
@@ -57,19 +57,19 @@ def _solved(source, chosen, aligned, checked, variants):
 
 
 def with_torquers(source, chosen, aligned):
-    """Aligned records, field, attitude, and the solution with the torquers, by name."""
+    """{stage: ProductRef} for the observations: aligned records, field, attitude, and the solution of variant "mtq"."""
     checked = com_offset.field(aligned, **chosen.for_stage("field"))
     smoothed, _, (solved,) = _solved(source, chosen, aligned, checked, ("mtq",))
     return {"align": aligned, "field": checked, "attitude": smoothed, "solve": solved}
 
 
 def combined(source, chosen, aligned, moved=(), added=""):
-    """Offset from aligned records, all angular accelerations, with what a model adds."""
+    """ProductRef of the offset by all variants; with the errors of a model: ``moved`` results, or ``added`` JSON."""
     checked = com_offset.field(aligned, **chosen.for_stage("field"))
     return _joined(chosen, _solved(source, chosen, aligned, checked, VARIANTS)[2], moved, added)
 
 
-def _joined(chosen, solved, moved, added):
+def _joined(chosen, solved, moved, added):  # ProductRef: solutions of the variants combined, as `combined` says
     offset = com_offset.combine(*solved, **chosen.for_stage("combine"))
     if not (moved or added):
         return offset
@@ -77,7 +77,7 @@ def _joined(chosen, solved, moved, added):
 
 
 def scene_settings(source, chosen):
-    """What the view of a manoeuvre needs beside the products."""
+    """Keyword settings of ``observe``: torquers and mass (kg) of the satellite, and those of the stages, by name."""
     satellite = catalog.satellite(source.satellite).settings()
     known = {n: satellite[n] for n in TORQUERS} | {"mass": float(satellite["mass_at_launch"])}
     known["period_s"] = chosen.for_stage("detect")["period_s"]
@@ -90,27 +90,27 @@ def scene_settings(source, chosen):
 
 @flow(name="com_offset_detect")
 def detect(source, chosen):
-    """Manoeuvres of one day."""
+    """ProductRef of the manoeuvres of one day."""
     magnetometer = common.ingest(source.file(*CALIBRATION.inputs["mag"]), event=source.event)
     return com_offset.detect(magnetometer, **chosen.for_stage("detect"))
 
 
 def manoeuvres(detected):
-    """Manoeuvres of a detect product."""
+    """{"kind": "roll", "pitch" or "yaw", "start", "stop" in GPS s} of each manoeuvre in the Dataset of `detect`."""
     columns = (detected[name].values for name in ("kind", "start", "stop"))
     for kind, start, stop in zip(*columns, strict=True):
         yield {"kind": ("roll", "pitch", "yaw")[int(kind)], "start": float(start), "stop": float(stop)}
 
 
 def values(document, variant=None):
-    """Offset of a variant, without one that which is adopted."""
+    """Offset in um of a variant (None: the adopted one) of a result document, a `results.Value` for each axis."""
     variant = variant or (document.get("adopted") or {}).get("variant")
     offset = (document.get("variants") or {}).get(variant)
     return results.vector("", "", "um", offset, ("offset_um", "sigma_um", "sigma_total_um")) if offset else ()
 
 
 def recomputed(document, section, printed, _run):
-    """Offset of a variant, all manoeuvres or one, for a row of Tables 6 to 9."""
+    """(offset, sigma) (3,) um of a variant, of all manoeuvres or one, for a printed row of Tables 6 to 9; else None."""
     if document["event"] not in printed.events:
         return None
     blocks, variant = document["variants"], printed.labels.get("variant", "acc")
@@ -118,9 +118,9 @@ def recomputed(document, section, printed, _run):
         kind = lambda one: (one["kind"], one["latitude_class"])  # noqa: E731
         rows = [dict(one.labels) for one in catalog.published("com_offset")["manoeuvres"] if one.variant == variant]
         rows = [row["order"] for row in rows if kind(row) == kind(printed.labels)]
-        own = [one for one in document["manoeuvres"] if kind(one) == kind(printed.labels)]
+        alike = [one for one in document["manoeuvres"] if kind(one) == kind(printed.labels)]
         place = rows.index(printed.order)  # among those of its kind and latitude: simulated days have another order
-        blocks = own[place]["variants"] if place < len(own) else {}
+        blocks = alike[place]["variants"] if place < len(alike) else {}
     block = blocks.get(variant)
     return block and (block["offset_um"], block["sigma_um"])
 

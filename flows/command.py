@@ -1,4 +1,4 @@
-"""What the commands do, without reading arguments and without printing."""
+"""Work of the commands, without reading arguments and without printing."""
 
 import difflib
 import functools
@@ -38,13 +38,13 @@ def record(calibration):
 
 
 def chosen(calibration, settings, model=None, name=None):
-    """Parameters of the operational configuration, or of an experiment: recorded, or made of what is given."""
+    """Parameters of the operational configuration, or of an experiment: recorded, or with KEY=VALUE and model file."""
     record(calibration)
     return configured(calibration, settings, model, name)
 
 
 def configured(calibration, settings, model=None, name=None):
-    """The same of whatever has a settings file."""
+    """Parameters as of `chosen`, of anything with a file in catalog/parameters: also a simulation or a study."""
     values = pairs(settings)
     if model is not None:
         values["model"] = model_text(model)
@@ -57,7 +57,7 @@ def configured(calibration, settings, model=None, name=None):
 
 
 def pairs(texts):
-    """Mapping of key=value texts; a text without "=" is wrong usage."""
+    """{key: value}, both texts, of "key=value" texts (None: {}); a text without "=" is wrong usage."""
     values = {}
     for text in texts or []:
         key, equals, value = text.partition("=")
@@ -68,7 +68,7 @@ def pairs(texts):
 
 
 def source(calibration, event, data, satellite, date):
-    """Where the Level-1 files come from: an event of the catalogue or a folder."""
+    """Source of one event: of the catalogue by its name, or in a folder (data) of a satellite and day, if stated."""
     if (event is None) == (data is None):
         raise typer.BadParameter("give an EVENT of the catalogue or a folder with --data, one of the two")
     if event is not None and (satellite or date):
@@ -109,13 +109,13 @@ def check_folder(calibration, data):
 
 
 def made(body, source, chosen, engine_name):
-    """Product of a flow for one event; a terminal shows the stages done."""
+    """ProductRef that a flow returns for one event; a terminal shows the stages done."""
     with output.progress(body.flow_name) as listener:
         return engine.run(body, source, chosen, engine=engine_name, listener=listener)
 
 
 def check_searched(calibration, studies=()):
-    """Refuse a calibration that no discovery is for."""
+    """Raise BadParameter unless a calibration has a discovery, or is the name of a study."""
     names = [*discoveries.names(), *studies]
     if calibration not in names:
         raise typer.BadParameter(f"no discovery for {calibration!r} yet; there is {', '.join(names)}")
@@ -132,7 +132,7 @@ def plan(calibration, sources, chosen):
 
 
 def sources(calibration, event, data, satellite, date):
-    """The source given, those of a folder of many days, or of all events of the store whose files are known."""
+    """[Source] of the event or folder stated, of each day of a folder, or of all events of the store if neither is."""
     if event is not None or data is not None:
         try:
             return [source(calibration, event, data, satellite, date)]
@@ -158,7 +158,7 @@ def sources(calibration, event, data, satellite, date):
 
 @dataclass(frozen=True)
 class Refused:
-    """Stands for the source of an event that has none, and why."""
+    """Takes the place of a `Source` where an event has none: its name, error message and status."""
 
     event: str
     error: str
@@ -166,7 +166,7 @@ class Refused:
 
 
 def many_sources(calibration, satellite, data):
-    """Source, or Refused, of each event of the catalogue or of a folder, of one satellite if it is named."""
+    """[Source or Refused] of each event of a folder, or of the catalogue if that is None; of one satellite if named."""
     one = record(calibration)
     check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites)])
     if data is not None:
@@ -178,13 +178,13 @@ def many_sources(calibration, satellite, data):
             whose = f" of satellite {satellite}" if satellite else ""
             refuse(data, f"no Level-1 file that begins an event{whose}", "one", "Give another folder.")
         return [_source(one, None, data=folder, satellite=letters, date=date) for folder, letters, date in days]
-    own = catalog.events(calibration=calibration)
-    names = [event.name for event in own if satellite is None or set(satellite) & set(event.letters)]
+    known_events = catalog.events(calibration=calibration)
+    names = [event.name for event in known_events if satellite is None or set(satellite) & set(event.letters)]
     return [_source(one, name, data=None, satellite=None, date=None) for name in names]
 
 
 def _source(calibration: Calibration, event, **where):
-    """Source of one event; where there is none, its reason, to be tabulated like any other failure."""
+    """Source of one event (None: of the folder in ``where``), or Refused with the reason, for tables of failures."""
     try:
         return calibration.source(event=event, **where)
     except GravcalError as error:
@@ -193,7 +193,7 @@ def _source(calibration: Calibration, event, **where):
 
 
 def detect(calibration, source, chosen):
-    """Document with the manoeuvres found in the data."""
+    """{"event", "origin", "manoeuvres": [{"kind", "start", "stop"} in GPS s]} of the data of a source."""
     one = record(calibration)
     if one.detect is None:
         raise CatalogError(f"{source.event}: {calibration} uses the whole record, there is nothing to detect. Use run.")
@@ -201,7 +201,7 @@ def detect(calibration, source, chosen):
 
 
 def simulate(calibration, out, seed_truth, effects, settings):
-    """Write an invented event; its truth document."""
+    """Write the Level-1 files of a simulated event; its truth as a dict. ``seed_truth``: (seed, file or None)."""
     seed, truth = seed_truth
     try:
         strengths = {name: float(value) for name, value in pairs(effects).items()}
@@ -214,16 +214,16 @@ def simulate(calibration, out, seed_truth, effects, settings):
 def report_files(event, out, name=None):
     """Files of the last report of an event, operational or of an experiment, copied to a folder if one is given."""
     links = [*store.links("*/*.report"), *store.links("*/as/*/*.report")]
-    own = [(link, folder) for link, folder in links if link.parent == location.links(event, name)]
-    reports = [(link, store.read_record(folder)) for link, folder in own if store.find(folder.name)]
+    of_event = [(link, folder) for link, folder in links if link.parent == location.links(event, name)]
+    reports = [(link, store.read_record(folder)) for link, folder in of_event if store.find(folder.name)]
     if not reports:
         others = sorted(path.name for path in (location.links(event) / "as").glob("*"))
         if others or name:
             there = f"; experiments there: {', '.join(others)} (--as NAME)" if others else ""
-            of = f"experiment {name}" if name else "operational configuration"
-            raise ProductError(f"event {event}: there is no report of the {of} in {location.folder()}{there}.")
-        near = difflib.get_close_matches(event, [path.name for path in (location.folder() / "latest").glob("*")], 3)
-        hint = f" Did you mean {', '.join(near)}?" if near else ""
+            whose = f"experiment {name}" if name else "operational configuration"
+            raise ProductError(f"event {event}: there is no report of the {whose} in {location.folder()}{there}.")
+        similar = difflib.get_close_matches(event, [path.name for path in (location.folder() / "latest").glob("*")], 3)
+        hint = f" Did you mean {', '.join(similar)}?" if similar else ""
         raise ProductError(f"event {event}: there is no report in {location.folder()}.{hint} Make it with gravcal run.")
     files = [link / name for link, record in reports for name in sorted([*record["files"], "product.nc"])]
     if out is None:
@@ -236,13 +236,13 @@ def report_files(event, out, name=None):
 
 
 def compare(calibration, first, second, satellite=None):
-    """Document with what changes between two configurations, for the events that both have."""
+    """Comparison document (`comparison.between`) of two configurations by name, for the events that both have."""
     one = record(calibration)
     check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites), *"".join(one.satellites)])
     for name in (first, second):
         configurations.settings_of(calibration, name)
 
-    def wanted(event):
+    def wanted(event):  # True if it is of the satellite
         return satellite is None or bool(set(satellite) & set(timeline.letters_of(event)))
 
     document = comparison.between(one, (first, second), wanted)
@@ -254,12 +254,12 @@ def compare(calibration, first, second, satellite=None):
 
 
 def sequence(path, *, save=False):
-    """Events made of the CMCAL and KBRCAL lines of a sequence-of-events file, and the vectors that hold at its end.
+    """{"events": CMCAL and KBRCAL sessions of a sequence-of-events file, "in_force": its last VCM and VKB entries}.
 
     A day of a satellite is one event. What the catalogue knows already is not saved; events without begin or end,
-    and those of satellites that the calibration cannot take, are said and not made.
+    and those of satellites that the calibration cannot take, are listed ("state") but not saved.
     """
-    entries, rows, made = vcm.read_sequence(path), [], {}
+    entries, rows, by_event = vcm.read_sequence(path), [], {}
     for one in vcm.sessions(entries):
         bounds = [bound for bound in (one.start, one.stop) if bound is not None]
         days = [date(2000, 1, 1) + timedelta(days=int((bound + 43200) // 86400)) for bound in bounds]
@@ -272,9 +272,9 @@ def sequence(path, *, save=False):
         elif name in catalog.names("events"):
             row["state"] = "in the catalogue"
         else:
-            made.setdefault((one.calibration, name), []).append((row, days))
+            by_event.setdefault((one.calibration, name), []).append((row, days))
         rows.append(row)
-    for (calibration, name), sessions in made.items() if save else ():
+    for (calibration, name), sessions in by_event.items() if save else ():
         design, letter = record(calibration).design, sessions[0][0]["satellite"]
         design = f"{design}_grace" if letter in "AB" and f"{design}_grace" in catalog.names("designs") else design
         bounds = ", ".join(f"{row['start']:.0f} to {row['stop']:.0f}" for row, _ in sessions)
@@ -285,8 +285,8 @@ def sequence(path, *, save=False):
         catalog.save_event(name, text)
         for row, _ in sessions:
             row["state"] = "saved"
-    ends = [vcm.in_force(entries, name, letter, float("inf")) for name in ("VCM", "VKB") for letter in "ABCD"]
-    return {"events": rows, "in_force": [vars(one) for one in ends if one]}
+    last = [vcm.in_force(entries, name, letter, float("inf")) for name in ("VCM", "VKB") for letter in "ABCD"]
+    return {"events": rows, "in_force": [vars(one) for one in last if one]}
 
 
 def status_of(error):
@@ -295,7 +295,7 @@ def status_of(error):
 
 
 def origin_of(source):
-    """Origin of the files of a source, or of an event or folder by its name, that has no result."""
+    """Origin ("measured", "simulated", ...) of the files of a Source without result, or of an event or folder (str)."""
     event, folder = [source] * 2 if isinstance(source, str) else (source.event, getattr(source, "folder", None))
     stated = catalog.event_origin(event)
     from_files = bool(folder) and not stated and Path(folder).is_dir()
@@ -303,7 +303,7 @@ def origin_of(source):
 
 
 def failed(calibration, source, error, configuration=location.OPERATIONAL):
-    """Result document of a run that failed."""
+    """Result document of a run that failed; source: a Source, or text that names event or folder."""
     return {
         "schema_version": VERSION,
         "status": status_of(error),

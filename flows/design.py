@@ -1,7 +1,7 @@
-"""Design of the next session: the manoeuvres that tell most, of all that may be flown.
+"""Design of the next session: of all manoeuvres that may be flown, those with most information on the result.
 
-Where manoeuvres share nothing but the result, what they tell adds, and their numbers are chosen (`library`). Elsewhere
-whole sessions are flown, and that with the least errors is chosen (`sessions`).
+Where manoeuvres share only the result their information adds, and their numbers are chosen (`library`). Elsewhere
+whole sessions are simulated, and that with the least errors is chosen (`sessions`).
 """
 
 import itertools
@@ -26,16 +26,16 @@ from gravcal.store.product import MEASURED
 from tasks import discovery
 from tasks.stage import read
 
-FLIGHTS = 3  # that numbers are chosen by, with other orbits and times
-JUDGES = range(FLIGHTS + 1, 2 * FLIGHTS + 1)  # as many that a design is judged by
-#: A session is judged by more flights, where its errors differ from one to the next: until their mean is known so well.
+FLIGHTS = 3  # simulated flights, of different orbits and times, that numbers of manoeuvres are chosen by
+JUDGES = range(FLIGHTS + 1, 2 * FLIGHTS + 1)  # seeds of as many independent flights that a design is judged by
+#: A session whose errors differ from flight to flight is judged by more: relative error of mean sigma, most flights.
 KNOWN, MOST = 0.05, 24
 #: Share of drawn orbits that have to have room for a design.
 ROOM = 0.9
 
 
 def constraints(name, path=None):
-    """Limits of the designs of a calibration {limit: value}, those of a TOML file before the usual ones."""
+    """{limit: value} of the designs of a calibration: those of a TOML file (path), else of the catalogue."""
     file, limits = f"design_{name}", catalog.read_file(path)[1] if path else {}
     known = catalog.parameters(file).entries if file in catalog.names("parameters") else {}
     for limit in limits:
@@ -45,11 +45,11 @@ def constraints(name, path=None):
 
 
 def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, verify=0, out=None, say=lambda _: None):
-    """Document with the best session of a calibration for a satellite and a day "2026-03-01", beside the published one.
+    """Document that compares the best session of a calibration, satellite and day "2026-03-01" with the published one.
 
-    Causes are slugs that are to be told apart, each from each; minutes those of manoeuvres, None for as many as the
-    published session has; limits those of `constraints`. So many flights of the design, simulated and calibrated,
-    verify it. Plan and document go into the folder `out`; `say` is told what is being done.
+    Causes are slugs, each pair of which is to be separable; minutes the time of manoeuvres, None for as much as the
+    published session has; limits those of `constraints`; ``verify`` the number of flights, simulated and calibrated,
+    that verify the design. Plan and document go into the folder `out`; `say` prints a line of progress.
     """
     one, limits = calibrations.load(name), limits or constraints(name)
     able = {n: r for n in calibrations.known() if (r := calibrations.load(n)).planning}
@@ -94,9 +94,9 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
 
 
 def noise_of(one, satellite, chosen):
-    """Noise of the last event of a satellite in the store, {"of": words, "settings": of the simulation}.
+    """{"of": event, "settings": {setting of the simulation: value}}: noise of a satellite's last event in the store.
 
-    Measured events come before invented ones; where no event has quiet data it is that of the catalogue.
+    Measured events come before simulated ones; where no event has quiet data settings are {}, "of" "the catalogue".
     """
     events, letters = [], one.pairs.get(satellite, satellite)
     for link, folder in store.links(f"*/{one.noise[0]}") if one.noise else ():
@@ -104,11 +104,11 @@ def noise_of(one, satellite, chosen):
         if set(timeline.letters_of(event)) & set(letters):
             origin = store_index.origin(folder / "product.nc")
             events.append((origin == MEASURED, re.search(r"\d{4}-.*|$", event).group(), event, origin))
-    usual = catalog.parameters(f"simulate_{one.name}")
+    simulated = catalog.parameters(f"simulate_{one.name}")
     for *_, event, origin in sorted(events, reverse=True):
         records = [store.newest_record(event, stage) for stage in one.noise]
         settings = all(records) and one.planning.measured_noise(
-            usual, chosen, *(read(store.find(r["key"])) for r in records)
+            simulated, chosen, *(read(store.find(r["key"])) for r in records)
         )
         if settings:
             return {"of": f"{event} ({origin})", "settings": settings}
@@ -116,7 +116,7 @@ def noise_of(one, satellite, chosen):
 
 
 def plan_text(calibration, plan, source):
-    """TOML text of a plan, in the format of catalog/designs."""
+    """TOML text of a plan (list of tables, one a kind of manoeuvre), in the format of catalog/designs."""
     return toml.text({"calibration": calibration, "source": source, "manoeuvre": plan})
 
 
@@ -126,38 +126,38 @@ def period_of(plan):
 
 
 class Place:
-    """Where sessions are flown: a calibration, a folder, and what all flights share."""
+    """Simulated flights of one calibration, satellite and day: folder of their files, limits, noise settings."""
 
-    def __init__(self, one, folder, satellite, date, limits, say, noise=None):
+    def __init__(self, one, folder, satellite, date, limits, say, noise=None):  # one: Calibration
         self.one, self.folder, self.satellite, self.date = one, folder, satellite, date
         self.limits, self.say, self.noise = limits, say, noise or {}
 
     def chosen(self, plan):
-        """Settings of the calibration, which looks for the period of a plan, where it looks for one."""
+        """Parameters of the calibration, with the period s of a plan if it has a setting "period_s"."""
         usual = configurations.chosen(self.one.name, {})
         return usual.with_settings({"period_s": period_of(plan)} if "period_s" in usual.entries else {})
 
     def published(self, causes):
-        """Errors and odds of the published session, flown with the orbits and times that a design is judged by."""
+        """`judged` of the published session, with the orbits and times (seeds `JUDGES`) that a design is judged by."""
         flights = [self.flown(f"session-{seed}", self.one.design, seed, causes) for seed in JUDGES]
         counts = np.array([m.count for m in catalog.design(self.one.design).manoeuvres])
         return self.judged(flights, counts, causes)
 
     def judged(self, flights, counts, causes):
-        """Errors and odds of a design with so many (n,) of each manoeuvre of flights."""
+        """{"sigma", "unit" by parameter, "trace", "separated": `_odds`} of a design, counts (n,) of manoeuvres."""
         spread, apart = design.judged(design.pooled(flights), counts, list(itertools.combinations(causes, 2)))
         sigma = dict(zip(flights[-1].parameters, np.sqrt(np.diag(spread)).tolist(), strict=True))
         unit = dict.fromkeys(sigma, flights[-1].unit)
         return {"sigma": sigma, "unit": unit, "trace": float(np.trace(spread)), "separated": _odds(apart, self.tied)}
 
     def loss(self, judged):
-        """What a design is chosen by: its trace, and pairs of causes that it does not tell apart."""
+        """Loss of a design: log of the trace of its covariance, plus a penalty for pairs of causes not separated."""
         wanted = design.needed(self.limits["probability"], self.tied)
         apart = {tuple(row["causes"]): row["chi2"] for row in judged["separated"]}
         return np.log(judged["trace"]) + design.short(apart, wanted)
 
     def of_library(self, minutes, causes):
-        """What the best manoeuvres of a library are chosen by, their plan, and its errors and odds."""
+        """(loss, plan, `judged` by the seeds `JUDGES`) of the best manoeuvres of a library, minutes in all."""
         limits = self.limits
         count = round(minutes * 60 / limits["duration_s"])
         if count < 1:
@@ -171,24 +171,24 @@ class Place:
             flights.append(self.flown(f"library-{limits['period_s']}-{seed}", tables, seed, causes))
         allowed, wanted = np.full(len(tables), int(limits["most"])), design.needed(limits["probability"], tied)
         day = (datetime.fromisoformat(self.date) - calibrations.EPOCH).total_seconds()
-        how = catalog.parameters(f"simulate_{self.one.name}").with_settings(self.settings("library", tables))
-        share = self.one.planning.room(catalog.satellite(self.satellite).settings(), how, day)
-        fits = lambda counts: share(counts) >= ROOM  # noqa: E731
-        counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, allowed, pairs, wanted, fits)
+        parameters = catalog.parameters(f"simulate_{self.one.name}").with_settings(self.settings("library", tables))
+        share = self.one.planning.room(catalog.satellite(self.satellite).settings(), parameters, day)
+        has_room = lambda counts: share(counts) >= ROOM  # noqa: E731
+        counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, allowed, pairs, wanted, has_room)
         plan = [t | {"count": int(n)} for t, n in zip(tables, counts, strict=True) if n]
-        chosen_by, said = (self.judged(some, counts, causes) for some in (flights[:FLIGHTS], flights[FLIGHTS:]))
-        return self.loss(chosen_by), plan, said
+        chosen_by, verdict = (self.judged(some, counts, causes) for some in (flights[:FLIGHTS], flights[FLIGHTS:]))
+        return self.loss(chosen_by), plan, verdict
 
     def best(self, minutes, causes):
-        """Plan of the session with the least errors; errors and odds of causes (slugs) of it and the published one."""
+        """(plan of the session with the least errors, its summary, that of the published one), keys as of `judged`."""
         judging_seeds, named = range(FLIGHTS + 1, FLIGHTS + 1 + MOST), set(self.limits["parameters"])
-        old, before = self.errors(self.one.design, judging_seeds, causes, known=named)
+        old, old_apart = self.errors(self.one.design, judging_seeds, causes, known=named)
         plans, names = self.one.planning.sessions(self.limits, minutes * 60), named or set(old)
         if not names <= set(old):
             refuse("parameters", ", ".join(names), f"of {', '.join(old)}", "Correct the constraint.")
         size = {name: sigma for name, (sigma, *_) in old.items() if name in names and sigma}
 
-        def loss(errors, size):
+        def loss(errors, size):  # sum of squared errors over sizes, of the values in size
             return sum(((errors[name][0] or np.inf) / size[name]) ** 2 for name in size)
 
         tried, wanted = [], design.needed(self.limits["probability"], self.tied)
@@ -205,27 +205,27 @@ class Place:
             shortfall = f"{len(plans)} sessions of {minutes} minutes, none of which tells all"
             refuse(f"design {self.one.name}", shortfall, "one that does", "Give more time or loosen a constraint.")
         plan = tried[int(np.argmin(losses))][0]
-        new, after = self.errors(plan, judging_seeds, causes, known=named)
+        new, new_apart = self.errors(plan, judging_seeds, causes, known=named)
         summary = lambda one, apart: {  # noqa: E731
             "sigma": {name: sigma for name, (sigma, *_) in one.items()},
             "unit": {name: unit for name, (*_, unit) in one.items()},
             "trace": loss(one, size),
             "separated": _odds(apart, self.tied),
         }
-        return plan, summary(new, after), summary(old, before)
+        return plan, summary(new, new_apart), summary(old, old_apart)
 
     def errors(self, plan, seeds, causes=(), known=None):
-        """Mean sigma, rms error and unit {value: ...} of the result in simulated flights; None: not determined.
+        """({value: (mean sigma, rms error, unit)}, {pair of causes: mean chi-square}) of simulated flights, one a seed.
 
-        Beside it the least expected chi-square {pair of causes: ...} of the flights up to `FLIGHTS`. With `known` names
+        None: not determined. Chi-square: `design.apart`, expected, of the first `FLIGHTS` flights. With `known` names
         (none: all) no more are flown than their mean sigma needs.
         """
-        rows, apart = [], []
+        rows, chi2 = [], []
         for seed in seeds:
             source, truth = self.flight(f"flight-{seed}", plan, seed)
             values = list(self.one.foretold(self.one.document(self.one.flow(source, self.chosen(plan)))))
-            if causes and len(apart) < FLIGHTS:
-                apart.append(design.apart(self.observed(source, plan)[0], causes))
+            if causes and len(chi2) < FLIGHTS:
+                chi2.append(design.apart(self.observed(source, plan)[0], causes))
             shutil.rmtree(self.folder / f"flight-{seed}")
             if not values:
                 refuse(f"flight {seed}", "no manoeuvre", "those of the plan", "Loosen a constraint.")
@@ -237,15 +237,15 @@ class Place:
             known = [(v.sigma, v.value - true) for v, true in column if v.sigma is not None]
             mean = np.sqrt(np.mean(np.square(known), axis=0)).tolist() if len(known) == len(rows) else (None, None)
             means[column[0][0].label] = *mean, column[0][0].unit
-        return means, {pair: float(np.mean([one[pair] for one in apart])) for pair in itertools.combinations(causes, 2)}
+        return means, {pair: float(np.mean([one[pair] for one in chi2])) for pair in itertools.combinations(causes, 2)}
 
     @property
     def tied(self):
-        """Chi-square below which two causes are tied."""
+        """Chi-square difference (float, a setting) below which two causes are tied."""
         return configurations.chosen(self.one.name, {}).for_stage("discovery")["tie_chi2"]
 
     def settings(self, label, plan, **more):
-        """Settings of the simulation of a plan, tables or the name of a design."""
+        """{setting: value} to simulate a plan (tables, or name of a design); tables go into the file ``label``.toml."""
         named = plan
         if not isinstance(plan, str):
             named = self.folder / f"{label}.toml"
@@ -258,21 +258,21 @@ class Place:
         return settings | {"design": str(named), "date": self.date}
 
     def flight(self, label, plan, seed, effects=None, **more):
-        """Source and truth of a simulated flight of a plan; the published one is flown at any time of the day."""
+        """(Source, truth dict) of a simulated flight of a plan; a published one (str) may be at any time of the day."""
         files_, more = self.folder / label, more | ({"manoeuvre_windows": ""} if isinstance(plan, str) else {})
         settings = self.settings(label, plan, **more)
         truth = self.one.simulate(files_, seed=seed, settings=settings, effects=effects)
         return self.one.source(event=None, data=files_, satellite=self.satellite, date=self.date), truth
 
     def observed(self, source, plan):
-        """What discovery sees of a flight of a plan, and the products of the calibration."""
-        looked, chosen = self.one.discovery, self.chosen(plan)
-        datasets = {name: read(ref) for name, ref in looked.baseline(source, chosen).items()}
-        settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
-        return discovery.observations_of(datasets.values(), looked.observations, datasets, settings), datasets
+        """(Observations or None, {name: Dataset} of the calibration) of a flight of a plan."""
+        searched, chosen = self.one.discovery, self.chosen(plan)
+        datasets = {name: read(ref) for name, ref in searched.baseline(source, chosen).items()}
+        settings = searched.settings(source, chosen) | searched.chosen_for(chosen)[0]
+        return discovery.observations_of(datasets.values(), searched.observations, datasets, settings), datasets
 
     def flown(self, label, plan, seed, causes):
-        """What each manoeuvre of a simulated flight tells, at whatever time of the day."""
+        """`design.Flown`: information of each manoeuvre of a simulated flight, at any time of the day."""
         source, truth = self.flight(label, plan, seed, manoeuvre_windows="")
         observed, datasets = self.observed(source, plan)
         times = [(m["start"], m["stop"]) for m in truth["manoeuvres"]]
@@ -281,40 +281,40 @@ class Place:
         )
 
     def verified(self, plan, flights, causes=()):
-        """Errors that simulated flights of a plan achieve: mean sigma, rms of the error, of each value.
+        """{"flights", "sigma", "error_rms"} of simulated flights of a plan: mean sigma and rms error of each value.
 
-        With causes as many more flights, in each of which one acts by turns, every parameter at its plausible size with
-        a drawn sign, for which the odds are: for each pair how many searches of flights with one of them name it apart
-        from the other, or "falsely" the other without it.
+        With causes also "separated", of as many flights in which one acts in turn, parameters at plausible sizes with
+        a random sign: for each pair the number of flights with one of them, of those whose search names it apart
+        from the other ("separated"), and of those that name the other without it ("falsely").
         """
         self.say(f"{flights} flights to check")
         errors, _ = self.errors(plan, range(101, 101 + flights))
         sigma, error, _ = zip(*errors.values(), strict=True)
-        made = {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
+        achieved = {"flights": flights, "sigma": list(sigma), "error_rms": list(error)}
         if not causes:
-            return made
+            return achieved
         search, rng = discover.as_calibration(self.one.name), np.random.default_rng(flights)
         rows = {pair: np.zeros(3, dtype=int) for pair in itertools.combinations(causes, 2)}
         for k, slug in zip(range(flights), itertools.cycle(causes), strict=False):
             self.say(f"search {k + 1} of {flights}: {slug}")
             sizes = effect(slug).plausible(lambda: rng.choice([-1, 1]))
-            acts = {f"{slug}.{name}": value for name, value in sizes.items()}
-            source, _ = self.flight(f"search-{k}", plan, 201 + k, effects=acts)
+            strengths = {f"{slug}.{name}": value for name, value in sizes.items()}
+            source, _ = self.flight(f"search-{k}", plan, 201 + k, effects=strengths)
             findings = search.document(search.flow(source, self.chosen(plan)))["findings"]
-            sets = [{one["cause"], *one["tied_with"]} for one in findings]
+            named_sets = [{one["cause"], *one["tied_with"]} for one in findings]
             for pair, row in rows.items():
                 if slug in pair:
                     (other,) = set(pair) - {slug}
-                    right = any(slug in one and other not in one for one in sets)
-                    row += 1, right, not right and any(other in one for one in sets if slug not in one)
+                    is_right = any(slug in one and other not in one for one in named_sets)
+                    row += 1, is_right, not is_right and any(other in one for one in named_sets if slug not in one)
             shutil.rmtree(self.folder / f"search-{k}")
         names = "flights", "separated", "falsely"
         counts = {pair: dict(zip(names, map(int, row), strict=True)) for pair, row in rows.items()}
-        return made | {"separated": [{"causes": list(pair)} | one for pair, one in counts.items()]}
+        return achieved | {"separated": [{"causes": list(pair)} | one for pair, one in counts.items()]}
 
 
 def _settled(rows, names):
-    """Whether the mean sigma of the named values, or all, is known well enough from the flights (f, v) so far."""
+    """True if the mean sigma of the named values (none: all) is known to KNOWN from rows (flights, values) so far."""
     for column in zip(*rows, strict=True):
         sigma = [value.sigma for value, _ in column]
         if (not names or column[0][0].label in names) and None not in sigma:
@@ -325,5 +325,5 @@ def _settled(rows, names):
 
 
 def _odds(apart, tied):
-    """Odds of pairs of causes from their expected chi-square."""
+    """[{"causes", "chi2", "odds"}]: probability that each pair is separated, from {pair: expected chi-square}."""
     return [{"causes": list(pair), "chi2": float(c), "odds": design.odds(c, tied)} for pair, c in apart.items()]

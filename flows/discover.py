@@ -1,6 +1,6 @@
-"""Discovery: what the simulation of an event gets wrong, the cause, the extended model, the gain.
+"""Discovery: causes of what the model of an event leaves unexplained, extended model, gain.
 
-Also over many events of a satellite together, and what a new event changes.
+Also jointly over many events of a satellite, with the changes by a new event.
 """
 
 import contextlib
@@ -26,7 +26,7 @@ timeline = lazy("gravcal.browse.timeline")
 
 @dataclass(frozen=True)
 class Study:
-    """Printed numbers that can be searched: what a discovery asks of a calibration, and of the source of an event."""
+    """Printed numbers that can be searched, in the place of both the calibration and the source of a discovery."""
 
     name: str
     event: str
@@ -36,14 +36,14 @@ class Study:
 
 @functools.cache
 def flow_of(name: str, shown: bool = False):
-    """Flow of the discovery of a calibration, or of a study; `shown` if with the detection limits of the event."""
+    """Flow (source, chosen) -> ProductRef of the discovery of a calibration or study; shown: with detection limits."""
     one = STUDIES.get(name) or calibrations.load(name)
     if one.discovery is None:
         raise KeyError(name)
 
     @flow(name=f"{name}_discovery")
     def discover(source, chosen):
-        """Causes of what a calibration leaves unexplained in one event."""
+        """ProductRef of the report on the causes of what a calibration leaves unexplained in one event."""
         looked, event, results, digest = one.discovery, {"event": source.event}, (), ""
         if looked.together is not None:
             return looked.together(source, chosen, shown)
@@ -68,12 +68,12 @@ def flow_of(name: str, shown: bool = False):
 
 
 def as_calibration(name: str, shown: bool = False) -> Calibration:
-    """Calibration whose flow is its discovery, as a campaign runs it; its result is that with what was found."""
+    """Calibration, for a campaign, whose flow is its discovery and whose result holds the corrections that it found."""
     return replace(calibrations.load(name), flow=flow_of(name, shown), document=document, result=results.searched)
 
 
 def searched(one: Calibration | Study, source, chosen, shown: bool = False):
-    """Product of the search in one event, its records that a model changes, and what is built from them by name."""
+    """ProductRefs of the search in one event and of its records, which a model changes; {name: ProductRef} of these."""
     looked, event = one.discovery, {"event": source.event}
     records = looked.read(source, chosen)
     products = looked.built(source, chosen, records)
@@ -98,12 +98,12 @@ def searched(one: Calibration | Study, source, chosen, shown: bool = False):
 
 
 def evidence_of(calibration: str) -> Calibration:
-    """Calibration whose flow gives what an event tells a search over many events, as a campaign runs it."""
+    """Calibration, for a campaign, whose flow makes the product "evidence" of an event: its input to a joint search."""
     one = calibrations.load(calibration)
     looked = one.discovery
 
     @flow(name=f"{one.name}_evidence")
-    def evidence(source, chosen):
+    def evidence(source, chosen):  # ProductRef
         products, housekeeping = looked.baseline(source, chosen), []
         settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
         about = {"calibration": one.name, "observations": looked.observations, "names": list(products)}
@@ -116,7 +116,7 @@ def evidence_of(calibration: str) -> Calibration:
 
 
 def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=None):
-    """(document, files, what has changed beyond its error since the last one) of a joint search, for each satellite.
+    """[(document, files, lines on changes beyond their error since the last one)] of a joint search, one a satellite.
 
     All satellites and events if none is named; data are folders with Level-1 files of one day or many, None for
     GRAVCAL_DATA; engine and workers are those of a campaign.
@@ -128,12 +128,12 @@ def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=
         refuse(f"--events {','.join(unknown)}", "no such event", f"some of {there}", "Correct the names.", NoDataError)
     sources = [source for source in sources if not events or source.event in events]
     summary = campaigns.run(campaigns.Campaign(name, chosen, engine, workers=workers, search="joint"), sources)
-    owners, left_out = {}, {row["event"]: row["error"] for row in summary["events"] if "report" not in row}
+    rows_of, left_out = {}, {row["event"]: row["error"] for row in summary["events"] if "report" not in row}
     for source, row in zip(sources, summary["events"], strict=True):
         if "report" in row:
-            owners.setdefault(source.satellite, []).append(row)
-    left_out |= {rows[0]["event"]: "the only one of its satellite" for rows in owners.values() if len(rows) < 2}
-    searches = [_of_one(name, one, rows, chosen, left_out) for one, rows in sorted(owners.items()) if len(rows) > 1]
+            rows_of.setdefault(source.satellite, []).append(row)
+    left_out |= {rows[0]["event"]: "the only one of its satellite" for rows in rows_of.values() if len(rows) < 2}
+    searches = [_of_one(name, one, rows, chosen, left_out) for one, rows in sorted(rows_of.items()) if len(rows) > 1]
     if not searches:
         reasons = "; ".join(f"{event} ({reason})" for event, reason in left_out.items())
         refuse(f"{name} --joint", f"no two events of a satellite, not {reasons}", "two", "Give more data.")
@@ -141,19 +141,19 @@ def joint(name, satellite, data, chosen, events=(), *, engine="inline", workers=
 
 
 def _of_one(name, satellite, rows, chosen, left_out):
-    """Document, files and changes of the search over the events of one satellite, or of one pair."""
-    one, letter = calibrations.load(name), satellite[0]
+    """(document, [Path], [line on a change]) of the joint search over the rows (events) of one satellite or pair."""
+    record, letter = calibrations.load(name), satellite[0]
     settings = {"configuration": chosen.configuration, "left_out": left_out}
-    about = {"event": owner(one, satellite), "satellite": satellite, "calibration": name}
-    last = store.newest_record(about["event"], f"{name}.joint")
-    before = (last and location.read_json(store.folder_of(last["key"]) / "joint.json")) or {}
+    about = {"event": owner(record, satellite), "satellite": satellite, "calibration": name}
+    previous = store.newest_record(about["event"], f"{name}.joint")
+    before = (previous and location.read_json(store.folder_of(previous["key"]) / "joint.json")) or {}
     with using(inline):
         ref = discovery.joint(
             *(store.find(Path(row["report"]).name) for row in rows),
             events=[row["event"] for row in rows],
-            history=history(one, letter),
+            history=history(record, letter),
             settings=settings,
-            **one.discovery.chosen_for(chosen)[1],
+            **record.discovery.chosen_for(chosen)[1],
             **about,
         )
     files = [path for path in sorted(ref.folder.iterdir()) if path.suffix in (".html", ".toml")]
@@ -162,12 +162,12 @@ def _of_one(name, satellite, rows, chosen, left_out):
 
 
 def owner(one, satellite):
-    """Name of what the events of a calibration are of: a satellite, or a pair."""
+    """Name of a satellite ("grace-c") or pair ("grace-cd") from its letters: the event of a joint search."""
     return catalog.satellite(satellite).name if len(satellite) == 1 else f"{one.mission}-{satellite.lower()}"
 
 
 def history(one, letter):
-    """Trims and printed values of a satellite as plain records, times in GPS s."""
+    """{"trims", "printed"}: lists of dicts of a satellite's mass trims (um) and printed values (time in GPS s)."""
     seconds = lambda day: (day - timeline.EPOCH).total_seconds()  # noqa: E731
     trims = [
         {"date": str(t.date), "axis": t.axis, "size": t.trim_um, "confirmed": t.confirmed}
@@ -181,17 +181,17 @@ def history(one, letter):
 
 
 def names() -> tuple[str, ...]:
-    """Calibrations that can be searched."""
+    """Names of the calibrations that have a discovery."""
     return tuple(name for name in calibrations.known() if calibrations.load(name).discovery is not None)
 
 
 def document(ref):
-    """Result document of a discovery, with the keys of everything it was made from."""
+    """Result document of a discovery (ProductRef of its report), with the keys of everything it was made from."""
     return common.document(ref, "discovery.json")
 
 
 def _printed(study, chosen):
-    """Rows of the chosen variant, and what the torquers did to the satellite."""
+    """Keyword settings of ``observe``: printed rows of the variant chosen, inertia, full-scale torquer dipole."""
     records = [one for one in catalog.published("com_offset")["manoeuvres"] if one.labels["variant"] == chosen.variant]
     rows = [
         {"order": int(one.labels["order"]), "value": one.value, "sigma": one.sigma}

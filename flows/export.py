@@ -50,8 +50,8 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
             files.setdefault(f"report/{one.ref.stage}/model.toml", text)
     files |= {f"products/{one.ref.stage}.nc": one.ref.path.read_bytes() for one in entries}
     written = set()
-    made_of = {one.ref.stage: _told_once(history.tree(one), written) for one in reports}
-    files["provenance.json"] = json.dumps(made_of, indent=1).encode()
+    trees = {one.ref.stage: _told_once(history.tree(one), written) for one in reports}
+    files["provenance.json"] = json.dumps(trees, indent=1).encode()
     files["CITATION.cff"] = citation(event, configuration, reports).encode()
     out.parent.mkdir(parents=True, exist_ok=True)
     if out.suffix == ".zip":
@@ -66,7 +66,7 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
 
 
 def _told_once(node, written):
-    """Node of a tree whose products are written out where they are met first, then by key: a report has many paths."""
+    """Node of a provenance tree, in full where its product is met first, later by key; ``written``: keys so far."""
     key = node["record"]["key"] if node["record"] else None
     if key in written:
         return {"name": node["name"], "key": key, "record": None, "inputs": []}

@@ -1,4 +1,4 @@
-"""Gravity-gradient torque and drag: from an SGRS file to the drag by each method, and what one sensor can tell."""
+"""Gravity-gradient torque and drag: drag by each method from an SGRS file; source: `Source`, chosen: `Parameters`."""
 
 import functools
 from pathlib import Path
@@ -24,39 +24,39 @@ TAIL_S = 10.0  # of measured accelerations that may be missing at the end: the l
 
 @flow(name="gradient_torque")
 def calibrate(source, chosen):
-    """Drag by two sensors and by one, as printed and as it should be."""
-    places = daily.sensor_positions(daily.sgrs_file(source.folder, source.date))
-    place = places[min(chosen.single_sensor, len(places)) - 1]  # two sensors need two, the printed one no zero
-    methods = ["two_sensor"] * (len(places) == 2) + ["one_sensor_published"] * bool(np.abs(place).min() > 1e-9)
+    """ProductRef of the report: drag by two sensors, and by one with the printed and with the corrected equations."""
+    positions = daily.sensor_positions(daily.sgrs_file(source.folder, source.date))
+    position = positions[min(chosen.single_sensor, len(positions)) - 1]  # two sensors need two, the printed one no zero
+    methods = ["two_sensor"] * (len(positions) == 2) + ["one_sensor_published"] * bool(np.abs(position).min() > 1e-9)
     methods.append("one_sensor")
     recorded, field = _recorded(source, chosen)
     solved = functools.partial(_solved, field=field, chosen=chosen, methods=methods)
     observed, *added = DISCOVERY.given("gradient_torque", source, chosen, recorded, solved)
     modelled, drags = _solved(observed, field, chosen, methods, "", *added)
-    known = []
+    truths = []
     if chosen.truth:
         file = daily.other_file(Path(chosen.truth).expanduser(), "TRUTH", source.date)
-        clean = gradient_torque.ingest(file, event=source.event)
+        noise_free = gradient_torque.ingest(file, event=source.event)
         truth = gradient_torque.truth(file, event=source.event, variant="")
-        known = [truth, *_solved(clean, field, chosen, methods, ".clean")[1]]
+        truths = [truth, *_solved(noise_free, field, chosen, methods, ".clean")[1]]
     torque = gradient_torque.torque(modelled, observed, field, **_settings("torque", chosen))
-    combined = gradient_torque.combine(modelled, *drags, *known, methods=methods, **_settings("combine", chosen))
+    combined = gradient_torque.combine(modelled, *drags, *truths, methods=methods, **_settings("combine", chosen))
     values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
     checked = gradient_torque.checks(modelled, recorded, **_settings("checks", chosen))
     return gradient_torque.report(combined, torque, modelled, checked, *drags, event=source.event, settings=values)
 
 
-def _settings(stage, chosen):
+def _settings(stage, chosen):  # keywords of a stage, with the constants of the satellite
     return chosen.for_stage(stage) | {"satellite": catalog.satellite("S").settings()}
 
 
-def _recorded(source, chosen):
+def _recorded(source, chosen):  # ProductRefs of the ingested SGRS file and of the gravity field
     observed = gradient_torque.ingest(daily.sgrs_file(source.folder, source.date), event=source.event)
     file = daily.other_file(icgem.located(chosen.field), "GFC", source.date)
     return observed, gradient_torque.field(file, event=source.event, variant="")
 
 
-def _solved(observed, field, chosen, methods, suffix="", moved=(), added=""):
+def _solved(observed, field, chosen, methods, suffix="", moved=(), added=""):  # gradient, [drag by each method]
     variant = suffix.removeprefix(".")
     modelled = gradient_torque.gradient(observed, field, variant=variant, **_settings("gradient", chosen))
     settings = _settings("drag", chosen)
@@ -68,14 +68,14 @@ def _solved(observed, field, chosen, methods, suffix="", moved=(), added=""):
 
 
 def by_one_sensor(source, chosen, observed, moved=(), added=""):
-    """Readings with gradient and drag by one sensor, by name; the drag with what a model adds."""
+    """{"ingest", "gradient", "drag"}: ProductRefs by one sensor; drag with the errors of a model (`moved`, `added`)."""
     model_errors = [(None, [drag]) for drag in moved], added
     modelled, (drag,) = _solved(observed, _recorded(source, chosen)[1], chosen, ["one_sensor"], "", *model_errors)
     return {"ingest": observed, "gradient": modelled, "drag": drag}
 
 
 def document(ref):
-    """Result document of a report product, with the keys of everything it was made from."""
+    """Result document of a report (ProductRef), with the keys of all products; "series" of a drag: its key."""
     document = common.document(ref)
     keys = document["provenance"]["products"]
     for name, block in document["drag"].items():
@@ -84,7 +84,7 @@ def document(ref):
 
 
 def simulation(out, chosen, day, seed, effects, truth):
-    """Numbers of the truth of an invented day; its file is written, and as netCDF beside the truth the true series."""
+    """Write the SGRS file of a simulated day: scalars of its truth, a dict; the true series go into ``truth``.nc."""
     field = icgem.read_field(icgem.located(chosen.field), chosen.field_degree)
     flown = (catalog.satellite(chosen.satellite).settings(), chosen, field, day, seed)
     columns, invented = simulator.simulate(*flown, effects, _nongravitational(chosen, day))
@@ -99,25 +99,25 @@ def simulation(out, chosen, day, seed, effects, truth):
 
 
 def _nongravitational(chosen, day):
-    """Accelerations of an ACT1B file as a function of time, or None."""
+    """Function of GPS s (n,) -> accelerations (n, 3) m s-2 of an ACT1B or ACC1B file begun at ``day``; None if none."""
     if not chosen.nongravitational:
         return None
     file = archive.from_name(Path(chosen.nongravitational).expanduser())
     if file.product not in ("ACT1B", "ACC1B"):
         refuse("nongravitational", file.path.name, "an ACT1B or ACC1B file", "Give one.")
-    read = readers.read(file)
-    since = read["time_tag"].values - read["time_tag"].values[0]
-    values = np.stack([read[f"lin_accl_{axis}"].values for axis in "xyz"], axis=1)
+    records = readers.read(file)
+    elapsed = records["time_tag"].values - records["time_tag"].values[0]
+    values = np.stack([records[f"lin_accl_{axis}"].values for axis in "xyz"], axis=1)
     known = np.isfinite(values).all(axis=1)
-    covered = float(since[known][-1]) if known.any() else 0.0
+    covered = float(elapsed[known][-1]) if known.any() else 0.0
     if covered < chosen.duration_s - TAIL_S:
         remedy = f"Give a longer file, or --set duration_s={covered:.0f}."
         refuse(file.path.name, f"{covered:.0f} s of accelerations", f"{chosen.duration_s:.0f} s", remedy)
-    return lambda time: np.stack([np.interp(time - day, since[known], one[known]) for one in values.T], axis=1)
+    return lambda time: np.stack([np.interp(time - day, elapsed[known], one[known]) for one in values.T], axis=1)
 
 
 def values(document):
-    """Total sigma of each solution for the drag, and its error where the truth is known."""
+    """`results.Value` in m s-2 of each drag solution: rms of total sigma and, where the truth is known, rms error."""
     for name, one in (document.get("drag") or {}).items():
         label = name.replace("_", " ")
         yield results.Value("", label, "m s-2", one.get("sigma_total_rms"), None, None)
@@ -126,7 +126,7 @@ def values(document):
 
 
 def recomputed(document, section, printed, run):
-    """Error of the drag, or its sigma where no truth is known, degrees seen, and centre of pressure.
+    """([value], [sigma or None]) for a printed row: drag error (else sigma), degrees seen, centre of pressure; or None.
 
     The last is as printed that of the panels by area, corrected that of the torque balance.
     """

@@ -1,4 +1,4 @@
-"""Inertial-sensor calibration: from voltages and attitude to scale factors, offset and bias."""
+"""Inertial sensor: scale factors, offset and bias from voltages, attitude; source: `Source`, chosen: `Parameters`."""
 
 from datetime import timedelta
 
@@ -17,7 +17,7 @@ GEOMETRY = {"mass": "test_mass", "inertia": "test_mass_inertia", "arm": "electro
 
 @flow(name="inertial_sensor")
 def calibrate(source, chosen):
-    """Scale factors and offset from a swing, bias from a roll."""
+    """ProductRef of the report: scale factors and offset from a swing, bias from a roll."""
     products, files = _solved(source, chosen, widened=True)
     if files:
         satellite = catalog.satellite("T").settings()
@@ -30,16 +30,16 @@ def calibrate(source, chosen):
 
 
 def observed(source, chosen, search=None, variant=None):
-    """Products that discovery looks at, by name: of the swing, of the roll; what was detected if there is neither.
+    """{name: ProductRef} for the observations: of the swing, of the roll; "detect" alone if there is neither.
 
-    With what a search has found those without it, of a variant.
+    With a search (ProductRef), its findings are taken out of the records; variant of these products.
     """
     products, files = _solved(source, chosen, widened=False, search=search and {"product": search, "variant": variant})
     return {name: one for name, one in products.items() if name != "detect" or not files}
 
 
 def _solved(source, chosen, *, widened, search=None):
-    """Products by name, those of a model or without what was found if it is given, and the files they were made of."""
+    """({name: ProductRef}, Level-1 files): less model effects (widened: with errors) or the findings of a search."""
     days, event = daily.days(source.folder, source.date), source.event
     products, files = {"detect": _detected(days, source, chosen)}, []
     detected = read(products["detect"])
@@ -56,20 +56,20 @@ def _solved(source, chosen, *, widened, search=None):
     return products, files
 
 
-def _swing(chosen, aligned, _known):
+def _swing(chosen, aligned, _known):  # {name: ProductRef} from the aligned record of a swing
     scaled = inertial_sensor.scale(aligned, geometry=geometry(), **chosen.for_stage("scale"))
     moved = inertial_sensor.offset(aligned, scaled, **chosen.for_stage("offset"))
     return {"align": aligned, "scale": scaled, "offset": moved}
 
 
 def _roll(chosen, segmented, known):
-    """Products of the bins of a roll by name; known are scale and offset of a swing, if there is one."""
+    """{name: ProductRef} from the bins of a roll; known are scale and offset of a swing, {} without one."""
     settings = {"assumed": assumed(chosen)} | chosen.for_stage("bias")
     return {"segment": segmented, "bias": inertial_sensor.bias(segmented, *known.values(), **settings)}
 
 
 def _without_model(source, chosen, solve, records, known, how):
-    """Products of records; with a model without its effects, and widened by its errors or without what was found."""
+    """{name: ProductRef} by `_swing` or `_roll` (solve) of records less a model or findings; how: (widened, search)."""
     products, (widened, search) = solve(chosen, records, known), how
     if search:
         if chosen.model:
@@ -91,7 +91,7 @@ def _without_model(source, chosen, solve, records, known, how):
 
 
 def views(_source, chosen):
-    """What the views of a swing and of a roll need beside the products."""
+    """Keyword settings of ``observe`` for a swing ("scene") and a roll ("rolling"), and the pointing limit in rad."""
     known = chosen.for_stage("scale") | chosen.for_stage("offset") | {"inertia": geometry()["inertia"]}
     scene = {name: known[name] for name in ("bin_s", "quiet_margin_s", "drift_degree", "noise_order", "inertia")}
     known = chosen.for_stage("bias") | {"assumed": assumed(chosen)}
@@ -101,47 +101,47 @@ def views(_source, chosen):
     return {"scene": scene, "rolling": {name: known[name] for name in names}, "pointing_limit_rad": limit}
 
 
-def _files(days, start, stop, margin):
+def _files(days, start, stop, margin):  # Level-1 files of the days between two GPS s, margin in s
     first, last = ((EPOCH + timedelta(seconds=float(t))).date().isoformat() for t in (start - margin, stop + margin))
     return [one for date, files in days.items() if first <= date <= last for one in files.values()]
 
 
 def geometry():
-    """Mass, inertia and arms of the test mass with their errors."""
+    """Mass (kg), inertia (kg m2) and electrode arms (m) of the test mass, {name: value, name_sigma: error}."""
     satellite = catalog.satellite("T").settings()
     return {name + end: satellite[key + end] for name, key in GEOMETRY.items() for end in ("", "_sigma")}
 
 
 def assumed(chosen):
-    """Scale factors and offset for a roll without a swing."""
+    """{name: value} of scale factors and offset assumed for a roll without a swing, settings "assumed_<name>"."""
     return {name.removeprefix("assumed_"): value for name, value in chosen.for_stage("assumed").items()}
 
 
 @flow(name="inertial_sensor_detect")
 def detect(source, chosen):
-    """Swings and rolls of the files."""
+    """ProductRef of the swings and rolls in the attitude files."""
     return _detected(daily.days(source.folder, source.date), source, chosen)
 
 
-def _detected(days, source, chosen):
+def _detected(days, source, chosen):  # ProductRef of "detect"; days {date: {product: file}}
     attitudes = (files["ATT"] for files in days.values())
     return inertial_sensor.detect(*attitudes, event=source.event, variant="", **chosen.for_stage("detect"))
 
 
 def level_one_files(source):
-    """Files of all days of a source."""
+    """[LevelOneFile]: IS1, ATT and ORB files of all days of a source."""
     return [one for files in daily.days(source.folder, source.date).values() for one in files.values()]
 
 
 def manoeuvres(detected):
-    """Swings and rolls of a detect product."""
+    """{"kind": "swing" or "roll", "start", "stop" in GPS s} of each manoeuvre in the Dataset of `detect`."""
     for kind in ("swing", "roll"):
         for start, stop in zip(detected[f"{kind}_start"].values, detected[f"{kind}_stop"].values, strict=True):
             yield {"kind": kind, "start": float(start), "stop": float(stop)}
 
 
 def simulation(out, chosen, day, seed, effects, _truth):
-    """Truth of an invented event; its files are written."""
+    """Write the files of a simulated event of the day that begins at GPS s ``day``; its truth, a dict."""
     records, invented = simulator.simulate(catalog.satellite("T").settings(), chosen, day, seed, effects)
     for record in records:
         for product, values in record.items():
@@ -150,7 +150,7 @@ def simulation(out, chosen, day, seed, effects, _truth):
 
 
 def values(document):
-    """Offset and scale factors from the swing, bias from the roll."""
+    """`results.Value` of a document: offset (um) and scale factors from the swing, bias (m s-2) from the roll."""
     swing, roll = document.get("swing") or {}, document.get("roll") or {}
     if swing.get("adopted"):
         yield from results.vector("", "offset", "um", swing["adopted"])
@@ -163,7 +163,7 @@ def values(document):
 
 
 def foretold(document):
-    """Offset and scale factors of the linear readings, all six."""
+    """`results.Value`, six: offset (um) and linear scale factors k (m s-2 V-1), None where not determined."""
     swing = document.get("swing") or {}
     yield from results.vector("", "offset", "um", swing.get("adopted") or {})
     for axis in results.AXES:
@@ -172,12 +172,12 @@ def foretold(document):
 
 
 def printed_component(word, unit):
-    """Function that gives the row of one printed component."""
+    """Function of a published record -> [row (panel, unit, value, sigma, remark)] of its one component."""
     return lambda one: [(f"{word} {one.component}", unit, one.value[0], one.sigma[0], "")]
 
 
 def printed_factor(one):
-    """Row of a printed linear scale factor: of the orbit, else of the ground."""
+    """Row (panel, unit, value, sigma, remark) of a published linear scale factor: in orbit, else on ground."""
     _, ground, orbit = one.value
     value = ground if orbit is None else orbit
     if one.factor.startswith("k_") and value is not None:
@@ -185,7 +185,7 @@ def printed_factor(one):
 
 
 def recomputed(document, section, printed, _run):
-    """Factor, component of the offset or of the bias, for a row of Tables 4 to 6."""
+    """(values, sigmas) for a printed row of Tables 4 to 6: scale factor, component of offset or bias; or None."""
     swing, roll = document.get("swing") or {}, document.get("roll") or {}
     if section == "scale_factors":
         name, _, axis = printed.factor.partition("_")

@@ -1,4 +1,4 @@
-"""Antenna phase centres: from Level-1 files of a pair to reported vectors."""
+"""Antenna phase centres from Level-1 files of a pair; arguments: source a `Source`, chosen `Parameters`."""
 
 from dataclasses import replace
 from datetime import timedelta
@@ -19,7 +19,7 @@ OBSERVABLES = ("range", "range_rate", "range_acceleration")
 
 @flow(name="kbr_phase_centre")
 def calibrate(source, chosen):
-    """Phase centres of both satellites from the wiggles of one day."""
+    """ProductRef of the report: phase centres of both satellites from the wiggles (attitude manoeuvres) of one day."""
     files = ingested(source, chosen)
     recorded = kbr_phase_centre.align(*files, **chosen.for_stage("align"))
     aligned, *added = DISCOVERY.given("kbr_phase_centre", source, chosen, recorded)
@@ -31,14 +31,14 @@ def calibrate(source, chosen):
 
 
 def with_equations(source, chosen, aligned, observables):
-    """Pointing, and observation equations of each observable."""
+    """ProductRef of the pointing, and list of those of the observation equations of each observable."""
     pointed = kbr_phase_centre.pointing(aligned, **_pointing_settings(source, chosen))
     settings = chosen.for_stage("observable") | nominal_of(source)
     return pointed, [kbr_phase_centre.observable(aligned, pointed, variant=one, **settings) for one in observables]
 
 
 def inputs_checked(source, chosen, files, aligned, pointed, equations):
-    """Checks of orbits, attitudes and ranging against each other, with the equations of range and range rate."""
+    """ProductRef of the checks of orbits, attitudes and ranging; the first two equations: range, range rate."""
     wanted, other = CALIBRATION.inputs["orbit"]
     orbits = [one for k, one in enumerate(files) if k % 5 in (1, 2)]  # that were read, and others of the same days
     for day, letter in product(_days(source), source.satellite):
@@ -50,7 +50,7 @@ def inputs_checked(source, chosen, files, aligned, pointed, equations):
 
 
 def _solved(source, chosen, aligned, observables=OBSERVABLES, moved=(), added=""):
-    """Pointing, observation equations, noise, solutions, and all observables together with what a model adds."""
+    """ProductRefs: pointing, [equations], noise, [solutions], and all observables combined, with errors of a model."""
     pointed, equations = with_equations(source, chosen, aligned, observables)
     quiet = kbr_phase_centre.noise(equations[0], **chosen.for_stage("noise"))
     settings = chosen.for_stage("solve") | nominal_of(source)
@@ -67,19 +67,19 @@ def _solved(source, chosen, aligned, observables=OBSERVABLES, moved=(), added=""
 
 
 def of_range(source, chosen, aligned):
-    """Products of the range that discovery looks at, by name."""
+    """{stage: ProductRef} that the observations are built from: those of the observable range."""
     pointed, equations, quiet, solved, _ = _solved(source, chosen, aligned, OBSERVABLES[:1])
     names = ("align", "pointing", "observable", "noise", "solve")
     return dict(zip(names, (aligned, pointed, equations[0], quiet, solved[0]), strict=True))
 
 
 def aligned_records(source, chosen):
-    """Ranging, orbits and attitudes on GPS time."""
+    """ProductRef of ranging, orbits and attitudes on GPS time."""
     return kbr_phase_centre.align(*ingested(source, chosen), **chosen.for_stage("align"))
 
 
 def scene_settings(source, chosen):
-    """What the view of a campaign needs beside the products."""
+    """Keyword settings of ``observe``: stage settings, nominal phase centres (m), plausible offsets of x, y, z (mm)."""
     known = chosen.for_stage("observable") | chosen.for_stage("solve")
     names = ("orbit_degree", "crn_window_s", "crn_bandwidth_hz", "band_hz")
     known = {name: known[name] for name in names} | nominal_of(source) | {"of_noise": chosen.for_stage("noise")}
@@ -90,12 +90,12 @@ def scene_settings(source, chosen):
 
 @flow(name="kbr_phase_centre_detect")
 def detect(source, chosen):
-    """Wiggles of one day in the pointing angles."""
+    """ProductRef of the wiggles (attitude manoeuvres) of one day in the pointing angles."""
     return kbr_phase_centre.pointing(aligned_records(source, chosen), **_pointing_settings(source, chosen))
 
 
 def level_one_files(source, first="KBR1B"):
-    """Ranging (the first if it is there), orbits and attitudes of all days."""
+    """[LevelOneFile], five a day: ranging (product ``first`` if there), orbits and attitudes of both satellites."""
     ranging = sorted(CALIBRATION.begins, key=lambda name: name != first)
     wanted = [(ranging, archive.TOGETHER[source.satellite])]
     wanted += [(CALIBRATION.inputs[name], letter) for name in ("orbit", "sca") for letter in source.satellite]
@@ -104,12 +104,12 @@ def level_one_files(source, first="KBR1B"):
 
 
 def ingested(source, chosen):
-    """The files, read."""
+    """[ProductRef] of the files of `level_one_files`, ingested."""
     return [common.ingest(file, event=source.event) for file in level_one_files(source, chosen.ranging)]
 
 
 def _days(source):
-    """Days of a source: its own and those of its manoeuvres in the catalogue, or all of the folder."""
+    """Days YYYY-MM-DD of a source: its own and those of its catalogued manoeuvres; without date all of the folder."""
     files, letter = archive.inventory(source.folder), archive.TOGETHER[source.satellite]
     there = sorted({one.date for one in files if one.product in CALIBRATION.begins and one.satellite == letter})
     if not source.date:
@@ -119,14 +119,14 @@ def _days(source):
     return sorted({source.date} | days.intersection(there))
 
 
-def _known(event):
+def _known(event):  # [(satellite letter, Manoeuvre)] that the catalogue holds of an event
     known = catalog.event(event) if event in catalog.names("events") else None
     manoeuvres = known.found if known and known.calibration == "kbr_phase_centre" else ()
     return [(letter, one) for one in manoeuvres for letter in (one.satellite or known.letters)]
 
 
 def _pointing_settings(source, chosen):
-    """Settings of the pointing stage, with the manoeuvres that the catalogue holds for this event."""
+    """Settings of the pointing stage; "given": (satellite, axis, sign, start, stop GPS s) of catalogued manoeuvres."""
     wiggles = []
     for letter, one in _known(source.event):
         axis = ("pitch", "yaw").index(one.kind.lstrip("+-"))
@@ -136,13 +136,13 @@ def _pointing_settings(source, chosen):
 
 
 def nominal_of(source):
-    """Phase centres of the catalogue, as a setting."""
+    """Setting {"nominal_m": (2, 3) m}: centre of mass to phase centre of both satellites, from the catalogue."""
     centres = [catalog.satellite(letter).com_to_antenna.value for letter in source.satellite]
     return {"nominal_m": tuple(tuple(float(v) for v in centre) for centre in centres)}
 
 
 def manoeuvres(pointed):
-    """Wiggles of a pointing product."""
+    """{"satellite", "kind": "+pitch", ..., "start", "stop" in GPS s} of each wiggle in the Dataset of `detect`."""
     letters, axes = pointed.attrs["satellites"], ("pitch", "yaw")
     columns = [pointed[name].values for name in ("satellite_index", "axis_index", "sign", "start", "stop")]
     for number, axis, sign, start, stop in zip(*columns, strict=True):
@@ -151,31 +151,31 @@ def manoeuvres(pointed):
 
 
 def values(document):
-    """Adopted phase centre of each satellite."""
+    """`results.Value` in mm of x, y, z of each satellite: the adopted phase centre of a result document."""
     for letter, block in ((document.get("adopted") or {}).get("satellites") or {}).items():
         yield from results.vector(letter, "", "mm", block, ("phase_centre_mm", "sigma_mm", "sigma_total_mm"))
 
 
 def recomputed(document, section, printed, run):
-    """Component of an observable, for a row of Tables 4 to 6; the vector of Table 7."""
+    """(values, sigmas) for a printed row: component (mm) of Tables 4 to 6, vector (m, mm, mm) of Table 7; or None."""
     letter = printed.satellite[-1].upper()
     if section == "vkb1b":
         if not printed.solution.startswith("paper_2020"):
             return None
         own = document["satellites"].get(letter, {}).get("range_acceleration", {}).get("robust")
-        block = own if run == "as_printed" else document["adopted"]["satellites"].get(letter)
-        scale, order = (1, 1e3, 1e3), (0, 1, 2)
+        fit = own if run == "as_printed" else document["adopted"]["satellites"].get(letter)
+        unit, axes = (1, 1e3, 1e3), (0, 1, 2)
     elif printed.component == "bias":
         return None
     else:
         estimator = "robust" if section == "robust" else "ls"
-        block = document["subsets"].get(printed.labels.get("subset"), {}).get(printed.observable, {}).get(letter)
+        fit = document["subsets"].get(printed.labels.get("subset"), {}).get(printed.observable, {}).get(letter)
         if section != "subsets":
-            block = document["satellites"].get(letter, {}).get(printed.observable, {}).get(estimator)
-        scale, order = (1,), ("xyz".index(printed.component),)
+            fit = document["satellites"].get(letter, {}).get(printed.observable, {}).get(estimator)
+        unit, axes = (1,), ("xyz".index(printed.component),)
     names = ("phase_centre_mm", "sigma_mm")
-    pick = lambda name: [None if block[name][k] is None else f * block[name][k] for f, k in zip(scale, order)]  # noqa: B905, E731
-    return block and tuple(pick(name) for name in names)
+    get = lambda key: [None if fit[key][k] is None else f * fit[key][k] for f, k in zip(unit, axes)]  # noqa: B905, E731
+    return fit and tuple(get(key) for key in names)
 
 
 DISCOVERY = Discovery(

@@ -1,4 +1,4 @@
-"""Magnetometer: from measured field, attitude and orbit to bias, scale, axes and leak of the torquers."""
+"""Magnetometer: bias, scale, axes and torquer coupling from field, attitude and orbit; `Source`, `Parameters`."""
 
 import functools
 
@@ -12,7 +12,7 @@ from tasks import common, magnetometer
 
 @flow(name="magnetometer")
 def calibrate(source, chosen):
-    """Parameters of the magnetometer of one satellite against the reference field."""
+    """ProductRef of the report: parameters of the magnetometer of one satellite against the reference field."""
     (estimate, records, checked), published = made(source, chosen).values(), []
     for file in cdf.files(source.folder, source.satellite, source.date):  # calibrated field of others less ours
         _, camera, orbit = _observed(source)
@@ -23,7 +23,7 @@ def calibrate(source, chosen):
 
 
 def made(source, chosen):
-    """Estimate, records and checks by stage."""
+    """{"estimate", "align", "checks"}: ProductRefs from records less the model; estimate with the model's errors."""
     solved = functools.partial(estimated, chosen)
     records, moved = DISCOVERY.taken_out(source, chosen, aligned(source, chosen), solved)
     estimate = estimated(chosen, records)
@@ -32,20 +32,20 @@ def made(source, chosen):
     return {"estimate": estimate, "align": records, "checks": checked}
 
 
-def _observed(source):
+def _observed(source):  # [ProductRef] of the ingested magnetometer, star camera and orbit files
     files = [source.file(*names) for names in CALIBRATION.inputs.values()]
     return [common.ingest(file, event=source.event) for file in files]
 
 
 def aligned(source, chosen):
-    """Measured and reference field."""
+    """ProductRef of measured and reference field."""
     observed = _observed(source)
     torquers = catalog.satellite(source.satellite).settings()["dipole_per_current"]
     return magnetometer.align(*observed, dipole_per_current=torquers, **chosen.for_stage("align"))
 
 
 def estimated(chosen, records):
-    """Parameters from aligned records."""
+    """ProductRef of the parameters from aligned records (ProductRef)."""
     return magnetometer.estimate(records, **chosen.for_stage("estimate"))
 
 

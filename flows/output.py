@@ -1,4 +1,4 @@
-"""What the commands print: tables, errors on one screen; and progress on a terminal."""
+"""Output of the commands: tables, errors on one screen, and progress on a terminal."""
 
 import contextlib
 import itertools
@@ -33,24 +33,24 @@ COLOURS = {
 
 
 def say(text=""):
-    """One line on standard output, at once."""
+    """Write a line to standard output, unbuffered."""
     sys.stdout.write(text + "\n")
     sys.stdout.flush()
 
 
 def note(text):
-    """One line on standard error, for those who wait."""
+    """Write a line of progress to standard error, unbuffered."""
     sys.stderr.write(f"{text}\n")
     sys.stderr.flush()
 
 
 def to_screen(json_path):
-    """Whether standard output is for people; with ``--json -`` it is for the document."""
+    """True if standard output is for tables and text; with ``--json -`` it is for the document."""
     return json_path is None or str(json_path) != "-"
 
 
 def write_json(document, path):
-    """Write a document where it is wanted: nowhere, into a file, or to standard output."""
+    """Write a document as JSON: nowhere (path None), to standard output ("-"), or into a file."""
     if path is None:
         return
     text = json.dumps(document, indent=1, allow_nan=False)
@@ -65,13 +65,13 @@ def write_json(document, path):
 
 
 def delivered(document, path):
-    """Write a document where it is wanted; True if standard output is for people."""
+    """Write a document by `write_json`; True if standard output is free for tables and text."""
     write_json(document, path)
     return to_screen(path)
 
 
 def result(document, ref, json_path, truth=None):
-    """Document, or table of a result, beside the truth where it is known, and where its report is."""
+    """Print a result: JSON document, or table (with errors against ``truth``), verdict and paths of its report."""
     if not delivered(document, json_path):
         return
     name = document.get("configuration", "operational")
@@ -79,17 +79,17 @@ def result(document, ref, json_path, truth=None):
         say(f"Simulated event {document['event']}: offset from proof mass to centre of mass, in micrometres")
     else:
         say(f"{document['event']}: {document['status']}{'' if name == 'operational' else f' (experiment {name})'}")
-    known, variants = (truth or {}).get("offset_um"), document.get("variants") or {}
+    true_um, variants = (truth or {}).get("offset_um"), document.get("variants") or {}
     rows = []
     for variant, one in variants.items():
         pairs = list(zip(one["offset_um"], one["sigma_um"], strict=True))
         cells = ["undetermined" if v is None else f"{v:.2f} +- {s:.2f}" for v, s in pairs]
-        errors = ["" if v is None else f"{(v - t) / s:+.2f}" for (v, s), t in zip(pairs, known or (), strict=False)]
+        errors = ["" if v is None else f"{(v - t) / s:+.2f}" for (v, s), t in zip(pairs, true_um or (), strict=False)]
         rows.append([variant, *cells, *errors])
-    if known:
-        rows.append(["truth", *[f"{value:.2f}" for value in known], "", "", ""])
+    if true_um:
+        rows.append(["truth", *[f"{value:.2f}" for value in true_um], "", "", ""])
     if rows:
-        errors = [f"error/sigma {axis}" for axis in plain.AXES] if known else []
+        errors = [f"error/sigma {axis}" for axis in plain.AXES] if true_um else []
         table(["variant", *[f"{axis} +- sigma (um)" for axis in plain.AXES], *errors], rows)
         say("sigma: noise as measured; errors of the verdict hold those of inertia and dipole per current as well")
     if document.get("method", "gravcal") != "gravcal":
@@ -104,7 +104,7 @@ def result(document, ref, json_path, truth=None):
 
 
 def plan(steps, json_path, every=False):
-    """Table of a plan: by stage what is made again, how long it takes and why; every product by itself if wanted."""
+    """Print a plan: JSON, or table by stage of what is made, how long it takes and why; every: one row a product."""
     if not delivered(steps, json_path):
         return
     if every:
@@ -125,19 +125,19 @@ def plan(steps, json_path, every=False):
 
 
 def _total(steps, every):
-    """How many products are made and reused, and the processor time of those that are made."""
+    """Text with the numbers of products reused and made, and the processor time of the latter."""
     counts = {action: sum(step["action"] == action for step in steps) for action in ("reuse", "run", "may run")}
-    made = [step["seconds"] for step in steps if step["action"] != "reuse"]
-    time_ = took(sum(one for one in made if one is not None)) if set(made) - {None} else ""
-    unknown = sum(one is None for one in made)
-    cost = f"; about {time_} of processor time" if time_ else ""
+    seconds = [step["seconds"] for step in steps if step["action"] != "reuse"]
+    duration = took(sum(one for one in seconds if one is not None)) if set(seconds) - {None} else ""
+    unknown = sum(one is None for one in seconds)
+    cost = f"; about {duration} of processor time" if duration else ""
     cost += f"{',' if cost else ';'} {unknown} not known yet" if unknown else ""
     hint = "" if every or not counts["reuse"] else " (--all shows what is reused)"
     return ", ".join(f"{action}: {count}" for action, count in counts.items()) + cost + hint
 
 
 def _after(reason):
-    """A reason, the products that a stage waits for by their stages."""
+    """Reason as text; "after <products>" becomes "after <stages>", at most SHOWN of them, without calibration."""
     word, _, names = reason.partition("after ")
     if word or not names:
         return reason
@@ -146,7 +146,7 @@ def _after(reason):
 
 
 def took(seconds):
-    """A length of time in words; "?" where it is not known."""
+    """Duration as text, "12 s", "3 min" or "2.5 h"; "?" for None."""
     if seconds is None:
         return "?"
     if seconds < 99.5:
@@ -155,7 +155,7 @@ def took(seconds):
 
 
 def manoeuvres(document, json_path):
-    """Document, or table of the manoeuvres found."""
+    """Print the document of `command.detect`: JSON, or table of the manoeuvres found."""
     if not delivered(document, json_path):
         return
     rows = []
@@ -168,9 +168,9 @@ def manoeuvres(document, json_path):
 
 
 def campaign(summary, first, json_path):
-    """Table of the first rows of a campaign: what was delivered, what failed and why.
+    """Print the summary of a campaign: JSON, or table of its rows, values or the reason of a failure.
 
-    `first` are rows as they are shown and in words what is left out.
+    `first`: rows to print, and text on those left out, as of `campaign.table`.
     """
     if not delivered(summary, json_path):
         return
@@ -194,7 +194,7 @@ def campaign(summary, first, json_path):
 
 
 def discovery(document, files, json_path):
-    """Verdict, findings and where the files are."""
+    """Print a discovery: JSON document, or verdict, table of findings and paths of its files."""
     if not delivered(document, json_path):
         return
     say(f"{document['event']}: {document['verdict']['text']}")
@@ -211,7 +211,7 @@ def discovery(document, files, json_path):
 
 
 def joint(searches, json_path):
-    """Verdict on many events of each satellite, what their models share and where the pages are."""
+    """Print joint searches, (document, files, changes) each: JSON, or verdicts, changes, paths and shared causes."""
     documents = [document | {"changes": notes} for document, _, notes in searches]
     both = joint_report.shared(documents) if len(documents) > 1 else []
     if not delivered(documents[0] | ({"others": documents[1:], "shared": both} if documents[1:] else {}), json_path):
@@ -227,13 +227,13 @@ def joint(searches, json_path):
 
 
 def design(document, out, json_path):
-    """Document of a design, or its manoeuvres, and its errors and odds beside those of the published session."""
+    """Print a design: JSON document, or its manoeuvres, and errors and odds compared with the published session."""
     if not delivered(document, json_path):
         return
-    short = lambda one: f"{one:.4g}" if isinstance(one, float) else str(one)  # noqa: E731
-    shown = lambda one: ", ".join(map(short, one)) if isinstance(one, list) else short(one)  # noqa: E731
+    number = lambda one: f"{one:.4g}" if isinstance(one, float) else str(one)  # noqa: E731
+    cell = lambda one: ", ".join(map(number, one)) if isinstance(one, list) else number(one)  # noqa: E731
     heads = ["count", "kind", *(name for name in document["manoeuvres"][0] if name not in ("count", "kind"))]
-    table(heads, [[shown(one[name]) for name in heads] for one in document["manoeuvres"]])
+    table(heads, [[cell(one[name]) for name in heads] for one in document["manoeuvres"]])
     new, old, achieved = document["design"], document["published"], document.get("verified")
     heads = [
         "sigma, noise alone",
@@ -250,8 +250,8 @@ def design(document, out, json_path):
         rows = [[*row, digits(sigma), digits(error)] for row, sigma, error in pairs]
     table(heads, rows)
     if old["trace"]:  # it says something of what is asked for
-        less = 100 * (1 - new["trace"] / old["trace"])
-        said = "not less than that of" if less < 0.5 else f"{less:.0f} % below"
+        reduction = 100 * (1 - new["trace"] / old["trace"])
+        said = "not less than that of" if reduction < 0.5 else f"{reduction:.0f} % below"
         say(f"trace of the covariance: {said} the published session")
     say(f"noise, of flights too: that of {document['noise']['of']}")
     rows = [
@@ -270,7 +270,7 @@ def design(document, out, json_path):
 
 
 def table(heads, rows):
-    """Table in plain columns, each as wide as its widest entry, numbers to the right; in colour on a terminal."""
+    """Print a table in plain columns as wide as their widest entry, numbers to the right; coloured in a terminal."""
     from rich import console, table, text
 
     made = table.Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
@@ -287,12 +287,12 @@ def table(heads, rows):
 
 
 def named(rows, *names):
-    """Table of dicts, a column for each of these keys."""
+    """Print a table of dicts, a column for each of these keys."""
     table(names, [[row[name] for name in names] for row in rows])
 
 
 def error(problem):
-    """GravcalError on one screen: where, found, expected, remedy, as its message says."""
+    """Print a GravcalError to standard error, 20 lines at most: where, found, expected, remedy, as its message says."""
     width = min(shutil.get_terminal_size((100, 24)).columns, 110)
     word = "no data" if isinstance(problem, NoDataError) else "error"
     lines = textwrap.wrap(
@@ -302,7 +302,7 @@ def error(problem):
 
 
 def unexpected(problem):
-    """An error that gravcal did not foresee: one line, the trace in a file."""
+    """Print any other error in one line, its traceback goes into a file; raised where GRAVCAL_DEBUG is set."""
     if os.environ.get("GRAVCAL_DEBUG"):
         raise problem
     where = location.folder() / "last-error.txt"
@@ -318,7 +318,7 @@ def unexpected(problem):
 
 @contextlib.contextmanager
 def _bars(*columns, **options):
-    """Progress bars of rich on standard error, by the names or texts of their columns; None if that is no terminal."""
+    """Context with rich.Progress on standard error, columns by class name or text; None if that is no terminal."""
     if not sys.stderr.isatty():
         yield None
         return
@@ -331,7 +331,7 @@ def _bars(*columns, **options):
 
 @contextlib.contextmanager
 def progress(title, usual_s=None):
-    """Listener that shows stages done, and the time beside that which is usual; None without a terminal."""
+    """Context with a listener (call, state, ref) that shows stages done and usual time; None without a terminal."""
     title = f"{title}, about {usual_s:.0f} s" if usual_s else title
     with _bars("SpinnerColumn", "{task.description}", "{task.fields[said]}", "TimeElapsedColumn") as bars:
         counts, row = {"cached": 0, "made": 0}, bars and bars.add_task(title, total=None, said="")
@@ -346,7 +346,7 @@ def progress(title, usual_s=None):
 
 @contextlib.contextmanager
 def events_progress(total):
-    """Listener that shows events done and failed of all, if standard error is a terminal; otherwise None."""
+    """Context with a listener (row of a campaign) that shows events done and failed; None without a terminal."""
     shown = ("MofNCompleteColumn", "{task.description}", "BarColumn", "TimeRemainingColumn")
     with _bars(*shown, auto_refresh=False) as bars:  # forks: no thread
         row, failed = bars and bars.add_task("0 failed", total=total), itertools.count()
@@ -360,7 +360,7 @@ def events_progress(total):
 
 @contextlib.contextmanager
 def bytes_progress():
-    """Listener that shows a bar for each archive, if standard error is a terminal; otherwise None."""
+    """Context with a listener (archive name, bytes done, total or None) that shows bars; None without a terminal."""
     shown = ("{task.description}", "BarColumn", "DownloadColumn", "TransferSpeedColumn", "TimeRemainingColumn")
     with _bars(*shown) as bars:
         rows = {}

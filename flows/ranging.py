@@ -1,4 +1,4 @@
-"""Routine pointing: from ranging, orbits and attitudes of a day without wiggles to the phase centres."""
+"""Phase centres from ranging, orbits and attitudes of a day without wiggles; source: `Source`, chosen: `Parameters`."""
 
 from flows import kbr_phase_centre as wiggles
 from flows.calibration import Calibration, Discovery, stated
@@ -10,12 +10,12 @@ from tasks import kbr_phase_centre, ranging
 
 @flow(name="ranging")
 def calibrate(source, chosen):
-    """Phase centres of both satellites by the slow motion of their pointing."""
+    """ProductRef of the report: phase centres of both satellites by the slow motion of their pointing."""
     return ranging.report(*made(source, chosen).values(), event=source.event, settings=chosen.for_report())
 
 
 def made(source, chosen):
-    """Estimate, rows and checks by stage."""
+    """{"estimate", "align", "checks"}: ProductRefs from rows less the effects of the model."""
     rows, checked = quiet_rows(source, chosen)
     rows, _ = DISCOVERY.taken_out(source, chosen, rows, alone=True)
     solved = ranging.estimate(rows, **chosen.for_stage("estimate"))
@@ -23,7 +23,7 @@ def made(source, chosen):
 
 
 def quiet_rows(source, chosen):
-    """Quiet rows and checks of the inputs; ranging minus orbit is made as for kbr_phase_centre."""
+    """ProductRefs of the quiet rows and of the input checks; ranging minus orbit is made as for kbr_phase_centre."""
     own = wiggles.nominal_of(source) | chosen.for_stage("align")
     chosen = catalog.parameters("kbr_phase_centre")
     files = wiggles.ingested(source, chosen)

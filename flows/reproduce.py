@@ -1,6 +1,6 @@
-"""A source paper again: its days fetched, processed as printed and as corrected, and both beside what is printed.
+"""Reproduction of a source paper: its days processed as printed and as corrected, both compared with the print.
 
-What a paper consists of stands in `catalog/published/papers.toml`, what is compared in the record of its calibration.
+Days, tables and figures of a paper are in `catalog/published/papers.toml`, the comparison in `Calibration.recomputed`.
 """
 
 import base64
@@ -25,7 +25,7 @@ FIGURE = re.compile(r"<figure.*?</figure>", re.DOTALL)
 
 
 def papers():
-    """What is known of each paper, by the name of its calibration."""
+    """{calibration: table of papers.toml} of each source paper: title, DOI, days, settings, tables and figures."""
     return catalog.read("published", "papers")[1]
 
 
@@ -36,28 +36,28 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
     truth, which a paper without public data always is. A table of many dates has those that are there.
     """
     paper, one = papers()[name], command.record(name)
-    made = simulated or not (paper["public"] or data)
+    is_simulated = simulated or not (paper["public"] or data)
     out.mkdir(parents=True, exist_ok=True)
     folder = data or out / "data"
-    if made:
+    if is_simulated:
         invent(name, folder, out / "dates", out)
     elif data is None:  # the days, without which it cannot be made, and those dates of its tables that there are
         days, dates = [(paper["letters"], day) for day in paper["days"]], [row[:2] for row in _dates(one, paper)]
-        for wanted in (days, dates):
-            of_days = [fetch.of_day(letters, datetime.date.fromisoformat(day)) for letters, day in wanted]
+        for bundle in (days, dates):
+            of_days = [fetch.of_day(letters, datetime.date.fromisoformat(day)) for letters, day in bundle]
             try:
-                every = list(dict.fromkeys(sum(of_days, [])))
-                fetch.fetch(every, folder, place, listener, fetch.Patience(tell=tell))
+                archives = list(dict.fromkeys(sum(of_days, [])))
+                fetch.fetch(archives, folder, place, listener, fetch.Patience(tell=tell))
             except GravcalError as error:
-                if wanted is days:
+                if bundle is days:
                     raise
                 engine.warn(f"dates left out: {error}")
     date = paper["days"][0] if paper["public"] and len(paper["days"]) == 1 else None
     with other_store(str(out / "store")):  # simulated days bear the names of measured ones
         all_documents = {run: [_run(one, paper, run, folder, paper["satellite"], date, out / run)] for run in RUNS}
-        at_hand = {days[1:]: days[0] for days in (() if made else one.days(folder))}
+        at_hand = {days[1:]: days[0] for days in (() if is_simulated else one.days(folder))}
         for letter, day, *_ in _dates(one, paper):
-            where = out / "dates" / f"{letter}-{day}" if made else at_hand.get((letter, day))
+            where = out / "dates" / f"{letter}-{day}" if is_simulated else at_hand.get((letter, day))
             try:
                 documents = {run: _run(one, paper, run, where, letter, day) for run in RUNS if where}
             except GravcalError as error:
@@ -68,7 +68,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
     documents = {run: own for run, (own, *_) in all_documents.items()}
     items = [_compared(one, item, all_documents) for item in paper["tables"]]
     items += [item | {"rows": []} for item in paper["figures"]]
-    kinds = {run: document["origin"] for run, document in documents.items()}
+    origins = {run: document["origin"] for run, document in documents.items()}
     document = {
         "schema_version": schemas.VERSION,
         "status": documents["corrected"]["status"],
@@ -76,7 +76,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
         "title": paper["title"],
         "doi": paper["doi"],
         "days": paper["days"],
-        "origin": kinds["corrected"],
+        "origin": origins["corrected"],
         "runs": {run: {"status": d["status"], "verdict": d["verdict"]["text"]} for run, d in documents.items()},
         "items": items,
     }
@@ -86,7 +86,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
 
 
 def _run(one, paper, run, folder, satellite, date, out=None):
-    """Document of a day as printed or corrected, its report in a folder if one is given."""
+    """Result document of one day by a run ("as_printed" or "corrected"); its report is copied into ``out`` if any."""
     settings = [f"{key}={value}" for key, value in paper["as_printed"].items()] if run == "as_printed" else []
     truth = out and out.parent / f"truth_{paper['days'][0]}.nc"
     settings += [f"truth={truth}"] if truth and truth.is_file() else []  # series of a simulated day
@@ -106,7 +106,7 @@ def _run(one, paper, run, folder, satellite, date, out=None):
 
 
 def invent(name, folder, dates, truth):
-    """Simulate the days of a paper into a folder, those of its tables into one each; the truth into a third one."""
+    """Simulate the days of a paper into ``folder`` and dates of its tables below ``dates``; truth into ``truth``."""
     paper, one = papers()[name], command.record(name)
     archive.check_own(folder)
     for seed, day in enumerate(paper["days"], 1):
@@ -116,7 +116,7 @@ def invent(name, folder, dates, truth):
 
 
 def _dates(one, paper):
-    """Satellite, date, seed and settings, printed values as truth, of each date of a table; not of its own days."""
+    """(letter, date, seed, settings with the printed values as truth) of each table date but the paper's days."""
     dates = {(paper["satellite"], day) for day in paper["days"]}
     for item in (item for item in paper["tables"] if "truth" in item):
         for seed, record in enumerate(catalog.published(one.name)[item["section"]], 101):
@@ -128,31 +128,31 @@ def _dates(one, paper):
 
 
 def _compared(one, item, documents):
-    """Item with its rows: each printed number beside those of both runs, where they have one."""
+    """Item (table of a paper) with "rows": {"row", "printed", "as_printed", "corrected"}, [value, sigma] each."""
     if "section" not in item:
         return item | {"rows": []}
     rows = []
     for record in catalog.published(one.name)[item["section"]]:
         blocks = {}
         for run in RUNS:
-            made = (one.recomputed(document, item["section"], record, run) for document in documents[run])
-            blocks[run] = next(filter(None, made), None)
+            results_of = (one.recomputed(document, item["section"], record, run) for document in documents[run])
+            blocks[run] = next(filter(None, results_of), None)
         if not any(blocks.values()):
             continue
-        unknown = ([None] * len(record.value),) * 2
+        blank = ([None] * len(record.value),) * 2
         names = item.get("components") or ("xyz" if len(record.value) == 3 else [""] * len(record.value))
         label = " ".join(value for value in record.labels.values() if value)
         for k, component in enumerate(names):
             sigma = record.sigma[k] if k < len(record.sigma) else None
             row = {"row": f"{label} {component}".strip(), "printed": [record.value[k], sigma]}
-            row |= {run: [part[k] for part in blocks[run] or unknown] for run in RUNS}
+            row |= {run: [part[k] for part in blocks[run] or blank] for run in RUNS}
             if any(value is not None for value, _ in (row[name] for name in ("printed", *RUNS))):
                 rows.append(row)
-    none = {} if rows else {"reason": "no day of its dates is at hand (--data FOLDER)"}
-    return item | {"rows": rows} | none
+    missing = {} if rows else {"reason": "no day of its dates is at hand (--data FOLDER)"}
+    return item | {"rows": rows} | missing
 
 
-def _text(pair):
+def _text(pair):  # "value +- sigma" of [value, sigma]; "-" without a value
     value, sigma = pair
     if value is None:
         return "-"
@@ -160,12 +160,12 @@ def _text(pair):
     return text if sigma is None else f"{text} +- {sigma:.2g}"
 
 
-def _wrapped(text):
+def _wrapped(text):  # lines of 140 characters at most
     return textwrap.wrap(text, 140, break_on_hyphens=False)
 
 
 def _write(out, document):
-    """Tables as CSV, gallery as Markdown and as a page with the figures of both runs."""
+    """Write comparison.csv, and the tables and figures of both runs as gallery.md and index.html, into ``out``."""
     heads = ["item", "row", "unit", *(f"{n}{s}" for n in ("printed", *RUNS) for s in ("", "_sigma"))]
     every = (
         [item["name"], row["row"], item["unit"], *(x for n in ("printed", *RUNS) for x in row[n])]
@@ -189,7 +189,7 @@ def _write(out, document):
 
 
 def _drawn(out, document, item, run):
-    """Figures of a run as they stand in a page: of a section of its report, or of a table over the years."""
+    """[<figure> HTML] of a run: of the section of its report, or of the table over the years, that an item names."""
     if "series" in item:  # table over the years: printed values, those of a run, and the mass trims
         one, points = command.record(document["calibration"]), []
         letter = papers()[one.name]["satellite"]
@@ -207,15 +207,15 @@ def _drawn(out, document, item, run):
 
 
 def _pictures(out, name, item, drawn):
-    """Lines of Markdown with a section's first figure, or all, of each run or of both alike; writes the files."""
-    lines, alike = [], {}
+    """Markdown lines of an item's first figure (or all) of each run, once if equal in both; writes the SVG files."""
+    lines, runs_of = [], {}
     for run, figures in drawn.items():
         for number, one in enumerate(figures[: None if item.get("all") else 1], 1):
             for address, title in re.findall(r'base64,([^"]*)" alt="([^"]*)"', one):
-                alike.setdefault((number, title, address), []).append(run)
-    for (number, title, address), runs in sorted(alike.items(), key=lambda one: one[0][0]):
-        of, said = ("", "Both runs") if len(runs) > 1 else (runs[0], HEADS[1 + RUNS.index(runs[0])].capitalize())
-        words = f"{name} {item['name']} {number if number > 1 else ''} {of}".strip().lower()
+                runs_of.setdefault((number, title, address), []).append(run)
+    for (number, title, address), runs in sorted(runs_of.items(), key=lambda one: one[0][0]):
+        suffix, said = ("", "Both runs") if len(runs) > 1 else (runs[0], HEADS[1 + RUNS.index(runs[0])].capitalize())
+        words = f"{name} {item['name']} {number if number > 1 else ''} {suffix}".strip().lower()
         path = "images/papers/" + re.sub(r"\W+", "_", words) + ".svg"
         (out / path).parent.mkdir(parents=True, exist_ok=True)
         (out / path).write_bytes(base64.b64decode(address))

@@ -1,4 +1,4 @@
-"""A routine day forward: every instrument whose records there are, measured beside simulated, and causes."""
+"""Routine day: measured against simulated readings of every instrument; source: `Source`, chosen: `Parameters`."""
 
 import functools
 from dataclasses import replace
@@ -17,7 +17,7 @@ OTHERS = {"magnetometer": magnetometer, "thrusters": thrusters, "ranging": rangi
 
 @flow(name="routine")
 def simulate_and_fit(source, chosen):
-    """What every instrument of a day should read, its fit, and what the fit leaves."""
+    """ProductRef of the report: simulated readings of every instrument of a day, the fit, and its residuals."""
     made, missing = _attempted(_made, source, chosen)
     products = {f"{part}.{name}": one for part, done in made.items() for name, one in done.items()}
     known = {"names": tuple(products), "missing": missing, "event": source.event}
@@ -25,9 +25,9 @@ def simulate_and_fit(source, chosen):
 
 
 def search(source, chosen, shown):
-    """One report of the searches of all parts of a day: what each gets wrong, why, and what is gained."""
+    """ProductRef of one report of the discoveries of all instruments (parts) of a day; shown: with detection limits."""
 
-    def of_part(part, source, chosen):
+    def of_part(part, source, chosen):  # (ProductRef of the search, facts for the report)
         one, source, own = _owner(part, source, chosen)
         about = {"calibration": one.name, "event": source.event, "settings": own.for_report()}
         return discover.searched(one, source, own, shown)[0], about
@@ -38,7 +38,7 @@ def search(source, chosen, shown):
 
 
 def _owner(part, source, chosen):
-    """Calibration of a part with its own source and settings; that of the accelerometer is here."""
+    """(Calibration, Source, Parameters) of a part (instrument); the calibration of the accelerometer is this one."""
     if part == "accelerometer":
         return CALIBRATION, source, chosen
     if part == "ranging":
@@ -49,7 +49,7 @@ def _owner(part, source, chosen):
 
 
 def _attempted(make, source, chosen):
-    """What a function makes by part, and why it cannot make others."""
+    """({part: ``make(part, source, chosen)``}, {part: reason} of those for which it fails); refused if all fail."""
     made, missing = {}, {}
     for part in ("accelerometer", *OTHERS):
         done = engine.attempt(functools.partial(make, part, source, chosen))
@@ -64,22 +64,22 @@ def _attempted(make, source, chosen):
 
 
 def _made(part, source, chosen):
-    """Products of a part by stage, with that of its search if it is wanted."""
+    """{stage: ProductRef} of a part, with "discovery" if ``chosen.search``."""
     one, source, own = _owner(part, source, chosen)
     made = OTHERS[part].made(source, own) if part in OTHERS else _accelerometer(source, own)
     return made | {"discovery": discover.searched(one, source, own)[0]} if chosen.search else made
 
 
-def _accelerometer(source, chosen):
+def _accelerometer(source, chosen):  # {stage: ProductRef}
     made = _estimated(source, chosen, _aligned(source, chosen))
     return {"checks": routine.checks(made["estimate"], **chosen.for_stage("checks"))} | made
 
 
-def _estimated(_source, chosen, aligned):
+def _estimated(_source, chosen, aligned):  # {stage: ProductRef} of the records and their estimate
     return {"align": aligned, "estimate": routine.estimate(aligned, **chosen.for_stage("estimate"))}
 
 
-def _aligned(source, chosen):
+def _aligned(source, chosen):  # ProductRef of accelerometer records with torquers and firings, where there are
     files = [source.file(*names) for names in CALIBRATION.inputs.values()] + source.files("MAG1B", "THR1B")
     satellite = catalog.satellite(source.satellite).settings()
     wanted = thrusters.TABLE | {name: name for name in ("inertia", "dipole_per_current")}

@@ -76,7 +76,7 @@ def new_data(
 
 
 def refusal():
-    """State of a run that is not as its deployment was registered, else None; a worker that is not ours knows none."""
+    """Failed state of a run whose deployment or parameters differ from `REGISTERED`; None if equal or that is unset."""
     if REGISTERED not in os.environ:
         return None
     run = get_run_context().flow_run
@@ -91,7 +91,7 @@ def refusal():
 
 
 def _campaign(calibration, satellite, data, settings, workers, joint):
-    """State of a campaign inside the flow that is running; then what its events say together is written."""
+    """Prefect state of a campaign inside the running flow; its tables, links and joint search become artifacts."""
     chosen = configurations.record(command.chosen(calibration, settings))
     sources = command.many_sources(calibration, satellite, Path(data) if data else None)
     numbers = itertools.count()
@@ -118,7 +118,7 @@ def _campaign(calibration, satellite, data, settings, workers, joint):
 
 
 def _together(calibration, satellite, data, chosen, workers):
-    """Bring the models of the satellites up to date; a note beside the run says what changed beyond its error."""
+    """Repeat the joint search of each satellite; an artifact of the run lists what changed beyond its error."""
     searches, lines, data = [], [], Path(data) if data else None
     try:
         searches = discover.joint(calibration, satellite, data and [data], chosen, engine="flow", workers=workers)
@@ -131,13 +131,13 @@ def _together(calibration, satellite, data, chosen, workers):
 
 
 def _table_row(row):
-    """Row of the table: state of an event, its values with their errors, the verdict or what went wrong."""
+    """Row of the artifact table from a campaign's row: status, values with errors, verdict or error message."""
     shown = {key: row.get(key, "") for key in ("event", "status", "origin", "made", "reused", "seconds")}
     said = {"values": row.get("said", ""), "said": row.get("error") or row.get("verdict", "")}
     return shown | said | {"report": row.get("report", "")}
 
 
 def _address(page):
-    """Address of a page of the store: where it is served, otherwise the file itself."""
+    """URL (str) of a file of the store: where it is served (`REPORTS`), otherwise file:// itself."""
     served, inside = os.environ.get(REPORTS), page.resolve().relative_to((location.folder() / "objects").resolve())
     return served.format(inside.as_posix()) if served else page.resolve().as_uri()

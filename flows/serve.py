@@ -26,18 +26,18 @@ from gravcal.store import location
 
 @dataclass(frozen=True)
 class Served:
-    """What is run, and when; ``arguments`` are those of both flows, ``pruning`` those of the one by the clock."""
+    """Flows to serve and their times; ``arguments`` are of both flows, ``pruning`` of reprocess-all alone."""
 
-    cron: str
-    watched: Path | None
-    every_s: float
-    data: Path | None
+    cron: str  #: times of reprocess-all, UTC
+    watched: Path | None  #: folder of new-data
+    every_s: float  #: between looks at it
+    data: Path | None  #: folder of reprocess-all, None for the catalogue
     arguments: dict
     pruning: dict = field(default_factory=dict)
 
 
 def serve(served, said):
-    """Serve the deployments until this process is told to end."""
+    """Serve the deployments of a `Served` until this process is ended; ``said`` prints a line."""
     server.set_environment()
     calibration = served.arguments["calibration"]
     from prefect.client.schemas.schedules import CronSchedule
@@ -52,22 +52,22 @@ def serve(served, said):
         with _alone(calibration):
             names = [f"port-{what}-{calibration}" for what in ("pages", "reports")]
             last = [port if isinstance(port := location.recall(name), int) else None for name in names]
-            begun = server.begin(last[0])
-            with server.running(begun) as url, reports(last[1]) as address:
+            started = server.begin(last[0])
+            with server.running(started) as url, reports(last[1]) as address:
                 for name, one in zip(names, (url, address), strict=True):  # so that links and bookmarks stay good
-                    if begun.child is not None or one is address:  # a server of the user's own keeps its port
+                    if started.child is not None or one is address:  # a server of the user's own keeps its port
                         location.remember(name, urlsplit(one).port)
                 os.environ["PREFECT_API_URL"] = url
                 os.environ.setdefault("GRAVCAL_REPORTS", address)
                 with temporary_settings(server.client(url)), contextlib.suppress(KeyboardInterrupt):
-                    _run(served, schedule, (url, begun.child is not None), said)
+                    _run(served, schedule, (url, started.child is not None), said)
     except server.Unavailable as error:
         raise ProductError(f"Prefect's server: {error}; expected it to answer. Look into that log.") from None
 
 
 @contextlib.contextmanager
 def _alone(name):
-    """Keep a second process from serving the same calibration on the same server."""
+    """Context with a lock: refused if another process serves the same calibration on the same server."""
     home = Path(os.environ["PREFECT_HOME"]).expanduser()
     try:
         with (server.home() / f"serve-{name}.lock").open("w") as held:
@@ -80,7 +80,7 @@ def _alone(name):
 
 
 def _run(served, schedule, where, said):
-    """Register the deployments and wait for their runs, one at a time."""
+    """Register the deployments and run them one at a time; where: (server URL, True if the server is our child)."""
     from prefect.deployments.runner import EntrypointType
     from prefect.runner import Runner
 
@@ -88,26 +88,26 @@ def _run(served, schedule, where, said):
 
     (url, is_own), ended, name = where, threading.Event(), served.arguments["calibration"]
     runner = Runner(name=f"gravcal {name}", limit=1)
-    how = {"name": name, "entrypoint_type": EntrypointType.MODULE_PATH}
+    options = {"name": name, "entrypoint_type": EntrypointType.MODULE_PATH}
     parameters = served.arguments | ({"data": str(served.data.absolute())} if served.data else {})
-    made = {scheduled.reprocess_all: {"schedule": schedule, "parameters": parameters | served.pruning}}
+    arguments_of = {scheduled.reprocess_all: {"schedule": schedule, "parameters": parameters | served.pruning}}
     if served.watched:
-        made[scheduled.new_data] = {"parameters": served.arguments | {"data": str(served.watched.absolute())}}
-    known = {flow.name: runner.add_flow(flow, **how, **more) for flow, more in made.items()}
-    registered = {str(one): server.registered(url, one) for one in known.values()}
+        arguments_of[scheduled.new_data] = {"parameters": served.arguments | {"data": str(served.watched.absolute())}}
+    deployments = {flow.name: runner.add_flow(flow, **options, **more) for flow, more in arguments_of.items()}
+    registered = {str(one): server.registered(url, one) for one in deployments.values()}
     os.environ["GRAVCAL_REGISTERED"] = json.dumps(registered)
     if is_own:
-        server.bury(url, list(known.values()))
+        server.bury(url, list(deployments.values()))
     said(f"Prefect {url.removesuffix('/api')}")
     if is_own:
         said(f"signed in by {server.page(url, name).as_uri()}")
     said(f"reprocess-all at {served.cron} UTC")
     if served.watched:
         said(f"new-data when {served.watched} changes, looked at every {served.every_s:g} s")
-        path = f"/deployments/{known['new-data']}/create_flow_run"
+        path = f"/deployments/{deployments['new-data']}/create_flow_run"
         start = functools.partial(server.ask, url, path, {})
-        looking = (served.watched, served.every_s, ended, start)
-        threading.Thread(target=watch, args=looking, daemon=True).start()
+        watching = (served.watched, served.every_s, ended, start)
+        threading.Thread(target=watch, args=watching, daemon=True).start()
     try:
         asyncio.run(_until_told(runner))
     finally:
@@ -115,7 +115,7 @@ def _run(served, schedule, where, said):
 
 
 async def _until_told(runner):
-    """Let a runner work until this process is told to end: the runner's own way leaves traces of errors."""
+    """Let a Prefect runner work until SIGTERM or SIGINT: the runner's own handling of signals prints tracebacks."""
     work, loop = asyncio.create_task(runner.start()), asyncio.get_running_loop()
     await asyncio.sleep(0)  # the runner sets its handler first
     for name in (signal.SIGTERM, signal.SIGINT):
@@ -126,7 +126,7 @@ async def _until_told(runner):
 
 @contextlib.contextmanager
 def reports(port=None):
-    """Addresses of the files of the store on this machine as "http://...{}...", as long as the block lasts."""
+    """Context with a server of the store's files: its URL template "http://.../{}?token=...", {}: path."""
     import uvicorn
     from starlette.applications import Starlette
     from starlette.routing import Mount
@@ -151,7 +151,7 @@ def reports(port=None):
 
 
 def watch(folder, every_s, ended, changed):
-    """Call a function each time the folder changed and was then the same for two looks: copying takes time."""
+    """Call ``changed()`` each time a folder has a new state, equal in two looks, until the Event ``ended`` is set."""
     known = last = None
     while not ended.wait(every_s):
         now = archive.state_of(folder)

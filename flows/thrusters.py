@@ -1,4 +1,4 @@
-"""Attitude thrusters: from star camera and firings of a day to gain of the impulses and delay of the tags."""
+"""Attitude thrusters: gain and tag delay from star camera and firings; source: `Source`, chosen: `Parameters`."""
 
 import functools
 from dataclasses import replace
@@ -15,14 +15,14 @@ TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
 
 @flow(name="thrusters")
 def calibrate(source, chosen):
-    """Gain of the attitude thrusters about each axis, and delay of their tags."""
+    """ProductRef of the report: gain of the attitude thrusters about each axis, and delay of their time tags."""
     estimate, checked, records, measured, *heads = made(source, chosen).values()
     reported = (estimate, measured, records, checked, *heads)
     return thrusters.report(*reported, event=source.event, settings=chosen.for_report())
 
 
 def made(source, chosen):
-    """Estimate, checks, records, noise and heads by stage."""
+    """{stage: ProductRef}: estimate (with the model's errors), checks, records less the model, noise and heads."""
     records = aligned(source, chosen)
     known = products(source, chosen, records)
     solved = functools.partial(estimated, source, chosen, known["noise"])
@@ -34,7 +34,7 @@ def made(source, chosen):
 
 
 def aligned(source, chosen):
-    """Attitude, firings and orbit of the day."""
+    """ProductRef of attitude, firings and orbit of the day."""
     files = [source.file(*names) for names in CALIBRATION.inputs.values()]
     files += replace(source, satellite=TWIN[source.satellite]).files("THR1B")  # a driver that should explain nothing
     observed = [common.ingest(file, event=source.event) for file in files]
@@ -44,16 +44,16 @@ def aligned(source, chosen):
 
 
 def estimated(source, chosen, measured, records):
-    """Gain and delay from aligned records."""
+    """ProductRef of gain and delay from aligned records and their noise (``measured``), both ProductRefs."""
     return thrusters.estimate(records, measured, **_inertia(source), **chosen.for_stage("estimate"))
 
 
-def _inertia(source):
+def _inertia(source):  # setting {"inertia": (3, 3) kg m2} of the satellite
     return {"inertia": catalog.satellite(source.satellite).settings()["inertia"]}
 
 
 def products(source, chosen, records):
-    """Records of the day, noise of the attitude as it was recorded, and heads where there is SCA1A, by name."""
+    """{name: ProductRef}: records, attitude noise (of the records as measured), camera heads where there is SCA1A."""
     made = {"align": records, "noise": thrusters.noise(aligned(source, chosen), **chosen.for_stage("noise"))}
     for file in source.files("SCA1A"):
         mounting = catalog.satellite(source.satellite).settings()["star_camera_mounting"]

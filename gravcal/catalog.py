@@ -32,7 +32,7 @@ from gravcal.errors import CatalogError, refuse
 SUFFIXES = {"GRACE": "dat", "GRACE-FO": "txt"}
 PAIRS = {"GRACE": ("AB", "X"), "GRACE-FO": ("CD", "Y")}
 RELEASES = {"GRACE": "02", "GRACE-FO": "04"}
-DESIGNED = ("kind", "count", "duration_s", "period_s")
+DESIGNED = ("kind", "count", "duration_s", "period_s")  # fields of `Designed`; all others of a table are its facts
 WORDS = {"true": True, "yes": True, "on": True, "false": False, "no": False, "off": False}
 ENVIRONMENT = "GRAVCAL_CATALOG"
 _added = []  # folders of calibrations of other packages
@@ -58,10 +58,10 @@ class Satellite:
     mission: str
     platform: str
     launched: datetime.date | None
-    quantities: Mapping[str, Quantity]
+    quantities: Mapping[str, Quantity]  #: by name, such as "com_to_antenna"
 
     def __getattr__(self, name):
-        """Quantity of that name."""
+        """Quantity of that name; CatalogError names the nearest if there is none."""
         if name.startswith("_"):
             raise AttributeError(name)
         if name in self.quantities:
@@ -73,7 +73,7 @@ class Satellite:
         return [*super().__dir__(), *self.quantities]
 
     def settings(self, *names):
-        """Plain numbers of these quantities, or all: ``{name: value, name_sigma: sigma}``, sigma where known."""
+        """Settings ``{name: value, name_sigma: sigma}`` of these quantities (none: all numbers), sigma where known."""
         wanted = names or [name for name, q in self.quantities.items() if not isinstance(q.value, (str, tuple))]
         values = {name: getattr(self, name).value for name in wanted}
         sigmas = {f"{name}_sigma": getattr(self, name).sigma for name in wanted}
@@ -99,7 +99,7 @@ class Design:
     calibration: str
     source: str
     manoeuvres: tuple[Designed, ...]
-    products: Mapping[str, Mapping]
+    products: Mapping[str, Mapping]  #: whose: "own" satellites, both of the "pair", its "ranging" (X, Y)
 
 
 @dataclass(frozen=True)
@@ -118,7 +118,7 @@ class RawFile:
 
     name: str
     product: str
-    letter: str
+    letter: str  #: of the satellite; X or Y of a pair
     date: datetime.date
     release: str
     sha256: str | None
@@ -130,11 +130,11 @@ class Event:
 
     name: str
     calibration: str
-    satellites: tuple[str, ...]
-    letters: str
+    satellites: tuple[str, ...]  #: names
+    letters: str  #: of these
     date: datetime.date | None
     end_date: datetime.date | None
-    date_status: str
+    date_status: str  #: "printed", "unknown" ...
     date_as_printed: datetime.date | None
     source: str
     note: str
@@ -171,25 +171,25 @@ def satellite(name):
     return Satellite(key, **heading, quantities=quantities)
 
 
-_satellite = satellite  # where a parameter hides it
+_satellite = satellite  # for functions with a parameter of that name
 
 
 def _value(entry, path, key):
-    """Float, read-only array, text or tuple of texts."""
+    """Value of a TOML entry: float, read-only array, text or tuple of texts; path and key are for messages."""
     if isinstance(entry, str) or isinstance(entry, list) and isinstance(entry[0], str):
         return entry if isinstance(entry, str) else tuple(entry)
     try:
-        array = np.array(entry, dtype=float)
+        numbers = np.array(entry, dtype=float)
     except ValueError:
         _wrong(path, key, entry, "a full list of numbers", "Correct it.")
-    if not np.isfinite(array).all():
+    if not np.isfinite(numbers).all():
         _wrong(path, key, entry, "finite numbers", "Leave the quantity out if it is not known.")
-    array.flags.writeable = False
-    return float(array) if array.ndim == 0 else array
+    numbers.flags.writeable = False
+    return float(numbers) if numbers.ndim == 0 else numbers
 
 
 def event(name):
-    """Event of the catalogue by name, ``grace-c-2020-02-01``."""
+    """Event of the catalogue by name, ``grace-c-2020-02-01``; CatalogError names the nearest if there is none."""
     known = names("events")
     if name not in known:
         raise _unknown("event", name, known, where="catalogue")
@@ -198,7 +198,7 @@ def event(name):
     if (status == "unknown") != (date is None):
         _wrong(path, "date_status", status, f"a status that fits date {content['date']}", "Correct one.")
     end_date = _date(content, "end_date") or date
-    flown = design(content["design"])
+    planned = design(content["design"])
     members = tuple(satellite(member) for member in content["satellites"])
     for one in content["found"]:
         if not one["stop"] > one["start"]:
@@ -214,10 +214,10 @@ def event(name):
         date_as_printed=_date(content, "date_as_printed"),
         source=content["source"],
         note=content.get("note", ""),
-        designed=flown.manoeuvres,
+        designed=planned.manoeuvres,
         printed=tuple(content.get("printed", [])),
         found=tuple(Manoeuvre(**one | {n: float(one[n]) for n in ("start", "stop")}) for one in content["found"]),
-        raw_files=() if date is None else _raw_files(content, flown.products, members, (date, end_date)),
+        raw_files=() if date is None else _raw_files(content, planned.products, members, (date, end_date)),
         origin=content.get("origin", ""),
     )
 
@@ -225,11 +225,11 @@ def event(name):
 def design(name):
     """Design of the catalogue by name, or of a file by its path (a name that ends with .toml)."""
     _, content = read_file(Path(name), "designs") if str(name).endswith(".toml") else read("designs", name)
-    made = []
+    manoeuvres = []
     for table in content["manoeuvre"]:
         facts = {key: item for key, item in table.items() if key not in DESIGNED}
-        made.append(Designed(*(table[key] for key in DESIGNED), facts=facts))
-    return Design(content["calibration"], content["source"], tuple(made), content.get("products", {}))
+        manoeuvres.append(Designed(*(table[key] for key in DESIGNED), facts=facts))
+    return Design(content["calibration"], content["source"], tuple(manoeuvres), content.get("products", {}))
 
 
 def event_origin(name):
@@ -245,23 +245,23 @@ def events(satellite=None, calibration=None):
     return tuple(sorted(every, key=lambda one: (one.date or datetime.date.max, one.name)))
 
 
-def _date(content, key):
+def _date(content, key):  # date of a TOML entry, None if it is missing or "unknown"
     date = content.get(key, "unknown")
     return None if date == "unknown" else datetime.date.fromisoformat(str(date))
 
 
 def _raw_files(content, designed, members, span):
-    """Every Level-1 file the event needs, day by day; ranging needs both satellites and the pair's own."""
+    """RawFile of every Level-1 file an event needs, day by day; span: first and last date; members: Satellites."""
     digests = content.get("sha256", {})
-    needed = {}  # in the order of the design, each once
+    wanted = {}  # in the order of the design, each once
     for member in members:
-        pair, both = PAIRS.get(member.mission, (member.letter, ""))
+        pair, ranging = PAIRS.get(member.mission, (member.letter, ""))
         products = designed.get(member.mission, {})
-        for kind, letters in (("own", member.letter), ("pair", pair), ("ranging", both)):
-            needed |= {(product, letter): None for product in products.get(kind, []) for letter in letters}
+        for kind, letters in (("own", member.letter), ("pair", pair), ("ranging", ranging)):
+            wanted |= {(product, letter): None for product in products.get(kind, []) for letter in letters}
     release, suffix, raw = content["release"], SUFFIXES.get(members[0].mission, "nc"), []
     for day in (span[0] + datetime.timedelta(days=n) for n in range((span[1] - span[0]).days + 1)):
-        for product, letter in needed:
+        for product, letter in wanted:
             name = f"{product}_{day}_{letter}_{release}.{suffix}"
             raw.append(RawFile(name, product, letter, day, release, digests.get(name)))
     return tuple(raw)
@@ -270,7 +270,7 @@ def _raw_files(content, designed, members, span):
 def event_text(calibration, design, satellites, date, manoeuvres, sha256, origin="measured", source="", last=None):
     """TOML text of an event found in data: manoeuvres with kind, start, stop (GPS s), SHA-256 by name of the file.
 
-    An event found elsewhere names its source; ``last`` is its last day if there are several.
+    sha256 : {file name: digest}; source : of an event found elsewhere; last : last day if there are several.
     """
     members = [satellite(name) for name in satellites]
     found_in = f"found in the {'' if origin == 'measured' else f'{origin} '}Level-1 files below"
@@ -291,16 +291,16 @@ def event_text(calibration, design, satellites, date, manoeuvres, sha256, origin
 
 
 def save_event(name, text):
-    """Write the text of an event into the user's own catalogue, and read the event back."""
-    own = os.environ.get(ENVIRONMENT)
-    if not own:
+    """Write the TOML text of an event into the user's own catalogue; returns the Event read back."""
+    folder = os.environ.get(ENVIRONMENT)
+    if not folder:
         expected, remedy = f"a folder in {ENVIRONMENT}", f"Set {ENVIRONMENT} to a folder of yours."
         refuse(name, "no own catalogue to write to", expected, remedy, CatalogError, event=name)
-    path = Path(own) / "events" / f"{name}.toml"
+    path = Path(folder) / "events" / f"{name}.toml"
     path.parent.mkdir(parents=True, exist_ok=True)
-    aside = path.with_suffix(f".{os.getpid()}.tmp")
-    aside.write_text(text, encoding="utf-8")
-    aside.replace(path)
+    temporary = path.with_suffix(f".{os.getpid()}.tmp")
+    temporary.write_text(text, encoding="utf-8")
+    temporary.replace(path)
     return event(name)
 
 
@@ -310,8 +310,8 @@ class Published:
 
     section: str
     events: tuple[str, ...]
-    labels: Mapping[str, str]
-    value: tuple
+    labels: Mapping[str, str]  #: columns of the table that identify the row
+    value: tuple  #: numbers in ``unit``, or texts as printed
     sigma: tuple
     unit: str
     direction: str
@@ -319,7 +319,7 @@ class Published:
     note: str
 
     def __getattr__(self, name):
-        """Label of that name: ``record.variant``."""
+        """Text of the label of that name: ``record.variant``."""
         if name in object.__getattribute__(self, "labels"):
             return self.labels[name]
         raise AttributeError(name)
@@ -339,7 +339,7 @@ class Trim:
 
 
 def published(calibration):
-    """Published values of a calibration by section ("combined", "history" ...), tuples of Published."""
+    """{section ("combined", "history" ...): (Published, ...)} of a calibration; CatalogError if none is known."""
     _, tables = read("published", "tables")
     sections = {}
     for table in tables.values():
@@ -371,14 +371,14 @@ def published(calibration):
 
 
 def trims(satellite=None):
-    """Mass trims by date, of a satellite (letter or name) or of all."""
+    """(Trim, ...) of a satellite (letter or name) or of all, in the order of trims.toml."""
     _, content = read("published", "trims")
     wanted = satellite and _satellite(satellite).name
     return tuple(Trim(**table) for table in content["trim"] if wanted in (None, table["satellite"]))
 
 
 def _number(text):
-    """Float, None for a blank, or the text itself where the print has no number."""
+    """Float of a CSV cell, None for a blank, or the text itself where the print has no number."""
     if not text:
         return None
     try:
@@ -389,7 +389,7 @@ def _number(text):
 
 @dataclass(frozen=True)
 class Parameter:
-    """One choice of ours: its value, what it may be, the stages that take it and why it is so."""
+    """One setting: value, unit, range or allowed values, the stages that take it, and the reason for its value."""
 
     name: str
     value: object
@@ -409,7 +409,7 @@ class Parameters:
     """
 
     calibration: str
-    entries: Mapping[str, Parameter]
+    entries: Mapping[str, Parameter]  #: by name
     configuration: str = "operational"
 
     def __getattr__(self, name):
@@ -419,7 +419,7 @@ class Parameters:
         return self.entry(name).value
 
     def entry(self, name):
-        """Parameter with unit, range and reason."""
+        """Parameter of that name; CatalogError names the nearest if there is none."""
         if name not in self.entries:
             raise _unknown("parameter", name, sorted(self.entries), where=self.calibration)
         return self.entries[name]
@@ -439,7 +439,7 @@ class Parameters:
         return replace(self, entries={**self.entries, **changed})
 
     def for_report(self):
-        """All values by name, and the name of the configuration, as a report says them; no other stage takes both."""
+        """{name: value} of all parameters, and "configuration": its name, as a report lists them."""
         return {name: entry.value for name, entry in self.entries.items()} | {"configuration": self.configuration}
 
     def for_stage(self, stage):
@@ -465,15 +465,15 @@ def parameters(calibration):
 
 
 def _typed(value, table):
-    """A number with a unit is a real number, one without keeps its type; lists become tuples."""
+    """Value of a TOML table of a parameter: numbers with a unit become float; lists become tuples."""
     if isinstance(value, list):
         return tuple(_typed(item, table) for item in value)
-    whole = isinstance(value, int) and not isinstance(value, bool)
-    return float(value) if whole and "unit" in table else value
+    is_int = isinstance(value, int) and not isinstance(value, bool)
+    return float(value) if is_int and "unit" in table else value
 
 
 def _scalar(setting, example, entry, where):
-    """One given text or value in the type of the example."""
+    """Setting (text or value) in the type of the example; refused if it has no such form."""
     kind = type(example)
     text = setting.strip() if isinstance(setting, str) else setting
     try:
@@ -488,7 +488,7 @@ def _scalar(setting, example, entry, where):
 
 
 def _check(entry, where):
-    """The value lies in its range and among the allowed ones."""
+    """Refuse a Parameter whose value is not allowed or is out of its range."""
     for item in entry.value if isinstance(entry.value, tuple) else (entry.value,):
         if entry.allowed is not None and item not in entry.allowed:
             _refused(where, entry.name, item, f"one of {', '.join(map(str, entry.allowed))}")
@@ -500,18 +500,18 @@ def _check(entry, where):
             _refused(where, entry.name, item, f"between {low} and {high} {entry.unit or ''}".rstrip())
 
 
-def _refused(where, name, value, expected):
+def _refused(where, name, value, expected):  # CatalogError for a value of the parameter ``name``
     remedy = f"Choose such a value, or leave {name} as it is."
     refuse(f"{where}: {name}", repr(value), expected, remedy, CatalogError, parameter=name)
 
 
 def roots():
-    """Folders searched, in order: the user's own, the one of the package, those of other packages."""
-    own = os.environ.get(ENVIRONMENT)
-    if own and not Path(own).is_dir():
+    """[Path] of the folders searched, in order: the user's own, the one of the package, those of other packages."""
+    user_folder = os.environ.get(ENVIRONMENT)
+    if user_folder and not Path(user_folder).is_dir():
         expected, remedy = "a folder with satellites/, events/ or parameters/", f"Create it, or unset {ENVIRONMENT}."
-        refuse(ENVIRONMENT, repr(own), expected, remedy, CatalogError)
-    return [*([Path(own)] if own else []), resources.files("catalog"), *_added]
+        refuse(ENVIRONMENT, repr(user_folder), expected, remedy, CatalogError)
+    return [*([Path(user_folder)] if user_folder else []), resources.files("catalog"), *_added]
 
 
 def add_root(folder):
@@ -537,12 +537,12 @@ def find(kind, name, suffix=".toml"):
 
 
 def read(kind, name):
-    """Path of one TOML entry, for messages, and its content as a dict; what is wrong with it is said with the line."""
+    """(path, content as a dict) of one TOML entry, checked by its schema; CatalogError for what is wrong in it."""
     return read_file(find(kind, name), name if kind == "published" else kind)
 
 
 def read_file(path, form="any"):
-    """The same of a file anywhere, of the form of that name in `catalog/schema.json`."""
+    """(path, content as a dict) of any TOML file, checked by the schema ``form`` of `catalog/schema.json`."""
     try:
         return path, _loads(path.read_text(encoding="utf-8"), form)
     except OSError as error:
@@ -559,20 +559,20 @@ def read_file(path, form="any"):
 
 @lru_cache(maxsize=128)
 def _loads(text, form):
-    """Content of a TOML text of a form; the same satellite stands in many events."""
+    """Content (dict) of a TOML text valid for a schema; cached, as many events name the same satellite."""
     content = tomllib.loads(text)
     _form(form).validate(json.loads(json.dumps(content, default=str), parse_constant=str))
     return content
 
 
 @lru_cache
-def _form(name):
+def _form(name):  # validator of the schema of that name
     schema = json.loads((resources.files("catalog") / "schema.json").read_text(encoding="utf-8"))
     return jsonschema_rs.Draft202012Validator(schema | {"$ref": f"#/$defs/{name}"})
 
 
 def _unknown(what, name, known, where):
-    """CatalogError for a name that is not there, with the nearest that are."""
+    """CatalogError (to raise) for an unknown name, with the nearest of the known ones; what: "satellite", "event"."""
     near = difflib.get_close_matches(str(name).lower(), known, n=3, cutoff=0.5)
     hint = f"Nearest: {', '.join(near)}." if near else f"Known: {', '.join(known) or 'none'}."
     return CatalogError(
@@ -580,5 +580,5 @@ def _unknown(what, name, known, where):
     )
 
 
-def _wrong(path, key, value, expected, remedy):
+def _wrong(path, key, value, expected, remedy):  # raises for the value of a key of a TOML file
     refuse(f"{path}: {key}", repr(value), expected, remedy, CatalogError)

@@ -1,4 +1,4 @@
-"""Errors of gravcal: where, what was found against what was expected, what to do; the numbers travel as facts."""
+"""Errors of gravcal: each message has place, found, expected and remedy; the numbers are kept as facts."""
 
 from typing import NoReturn
 
@@ -22,7 +22,7 @@ class CatalogError(GravcalError):
 
 
 class ProductError(GravcalError):
-    """A file or product is not what it should be."""
+    """A file or product is missing, damaged, or not of the expected form."""
 
 
 class NoDataError(ProductError):
@@ -30,13 +30,13 @@ class NoDataError(ProductError):
 
 
 class EstimationError(GravcalError):
-    """The data do not determine what was asked for."""
+    """The data do not determine the parameters to be estimated."""
 
 
 def refuse(where, found, expected, remedy, error=ProductError, **facts) -> NoReturn:
-    """Raise an error that says where, what was found against what was expected, and what to do; all are its facts.
+    """Raise an error of that class: "where: found ...; expected .... remedy"; these texts and ``facts`` are its facts.
 
-    Where is the file, with the line or record number where there is one; more facts are for tables of failures.
+    ``where`` is the file, with the line or record number where there is one; facts are for tables of failures.
     """
     message = f"{where}: found {found}; expected {expected}. {remedy}"
     raise error(message, where=str(where), found=str(found), expected=str(expected), remedy=remedy, **facts)

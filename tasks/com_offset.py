@@ -1,4 +1,4 @@
-"""Stages of the centre-of-mass calibration; the science is in `gravcal/calibrations/com_offset`."""
+"""Stages of the centre-of-mass calibration: Datasets to Dataset, by `gravcal/calibrations/com_offset`."""
 
 from gravcal.calibrations import schemas
 from gravcal.store import product
@@ -17,13 +17,13 @@ ALIGNED, SMOOTHED, ANGULAR = (f"com_offset.{name}" for name in ("align", "attitu
 
 @stage(reads=["ingest"], writes="com_offset.detect", version=2)
 def detect(magnetometer, **settings):
-    """Manoeuvres in the torquer currents."""
+    """Manoeuvres (kind, start, stop) detected in the torquer currents."""
     return aligning.detect(magnetometer, **settings)
 
 
 @stage(reads=["com_offset.detect", "ingest"], writes="com_offset.align", version=2)
 def align(*observed, **settings):
-    """Records round the manoeuvres on GPS time."""
+    """Records about the manoeuvres on GPS time."""
     return aligning.align(*observed, **settings)
 
 
@@ -35,67 +35,67 @@ def field(aligned, *, igrf_generation):
 
 @stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.attitude", version=2)
 def attitude(aligned, checked, **settings):
-    """Dynamics fitted to the star camera, edge times in both instruments."""
+    """Attitude by dynamics fitted to the star camera, and edge times of the manoeuvres in both instruments."""
     return attitudes.attitude(aligned, checked, **settings)
 
 
 @stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.survey", version=2)
 def survey(aligned, checked):
-    """Torque against roll acceleration."""
+    """Ratio of roll acceleration (star camera) to roll torque (torquer currents, measured field)."""
     return modelling.survey(aligned, checked)
 
 
 @stage(reads=[ALIGNED, "com_offset.field", SMOOTHED, "ingest"], writes="com_offset.checks", version=3)
 def checks(aligned, checked, smoothed, *others, **limits):
-    """Records against each other."""
+    """Consistency checks of the records against each other."""
     return checking.inputs(aligned, checked, smoothed, *others, **limits)
 
 
 @stage(reads=["com_offset.align"], writes="com_offset.quiet", version=2)
 def quiet(aligned, **settings):
-    """Linear channels outside the manoeuvres."""
+    """Linear accelerations outside the manoeuvres, low-passed and resampled like the reading of a manoeuvre."""
     return estimating.quiet(aligned, **settings)
 
 
 @stage(reads=["com_offset.quiet"], writes="com_offset.noise", version=3)
 def noise(pieces, *, drift_degree, noise_order):
-    """Noise of the linear channels in quiet data."""
+    """Autoregressive noise model of the linear accelerations from quiet data."""
     return estimating.noise(pieces, drift_degree=drift_degree, noise_order=noise_order)
 
 
 @stage(reads=["com_offset.attitude", "com_offset.align"], writes="com_offset.angular_acceleration", version=1)
 def angular_acceleration(smoothed, aligned, *, variant, **settings):
-    """One of the four angular accelerations."""
+    """Angular acceleration by one of four methods (variant): mtq, acc_calibrated, acc, sca."""
     return modelling.angular_acceleration(smoothed, aligned, variant=variant, **settings)
 
 
 @stage(reads=[ALIGNED, SMOOTHED, ANGULAR], writes="com_offset.equations", version=1)
 def equations(aligned, smoothed, angular, **settings):
-    """Resampled reading and columns of every manoeuvre for one angular acceleration."""
+    """Observation equations of every manoeuvre for one angular acceleration: resampled reading, design columns."""
     return modelling.equations(aligned, smoothed, angular, **settings)
 
 
 @stage(reads=["com_offset.equations", "com_offset.noise"], writes="com_offset.solve", version=3)
 def solve(resampled, measured, *, drift_degree, noise_order):
-    """Offset of every manoeuvre from one angular acceleration."""
+    """Offset of every manoeuvre by one angular acceleration; measured: noise of the linear accelerations."""
     return estimating.solve(resampled, measured, drift_degree=drift_degree, noise_order=noise_order)
 
 
 @stage(reads=[ALIGNED, SMOOTHED, ANGULAR], writes="com_offset.solve", version=1)
 def published_solve(aligned, smoothed, angular):
-    """The same as printed in the source paper."""
+    """Offset of every manoeuvre by the method as printed in 10.3390/rs14164030."""
     return estimating.published_solve(aligned, smoothed, angular)
 
 
 @stage(reads=["com_offset.solve"], writes="com_offset.combine", version=1)
 def combine(*solved, **settings):
-    """Manoeuvres joined, and whether they and the angular accelerations agree."""
+    """Offset of all manoeuvres combined for each angular acceleration, with consistency tests."""
     return estimating.combine(*solved, **settings)
 
 
 @stage(reads=["com_offset.combine"], writes="com_offset.combine", version=1)
 def model_error(combined, *moved, added, determined_sigma_um):
-    """The same with the errors of an extended model."""
+    """Combined offset with the errors of an extended model; moved: results of its moved models, added: JSON."""
     return estimating.with_model_error(combined, *moved, added=added, determined_sigma_um=determined_sigma_um)
 
 

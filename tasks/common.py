@@ -1,4 +1,4 @@
-"""What every calibration begins with: where its Level-1 files are, and reading them."""
+"""Begin of every calibration: finding the Level-1 files of an event, and reading them."""
 
 import datetime
 import json
@@ -27,7 +27,7 @@ class Source:
     folder: Path  #: holds the files, loose or in archives
 
     def file(self, *products: str, satellite: str | None = None):
-        """The first of these products that the folder holds of a satellite, by default the only one of the source."""
+        """LevelOneFile of the first of these products that the folder holds of a satellite (default: of the source)."""
         letter = satellite or self.satellite
         for name in products:
             if file := archive.find(self.folder, name, letter, self.date):
@@ -42,7 +42,7 @@ class Source:
         return refuse(self.folder, missing, "one", remedy, kind, folder=str(self.folder), products=products)
 
     def files(self, *products: str):
-        """All of these products that the folder holds, none where it holds none."""
+        """[LevelOneFile] of those of these products that the folder holds."""
         files = (archive.find(self.folder, name, self.satellite, self.date) for name in products)
         return [file for file in files if file]
 
@@ -50,7 +50,7 @@ class Source:
 def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Source:
     """Source of a catalogue event, whose files are looked for in GRAVCAL_DATA, or of any folder of Level-1 files.
 
-    Satellite and date are those wanted where the folder holds several; one satellite stands for its pair.
+    one : Calibration; satellite, date : needed where the folder holds several; one satellite stands for its pair.
     """
     satellite = next((letter for letter, pair in one.pairs.items() if satellite and satellite in pair), satellite)
     if event is not None:
@@ -79,17 +79,17 @@ def source_of(one, *, event=None, data=None, satellite=None, date=None) -> Sourc
 
 
 def level_one_files(one, source) -> list:
-    """Level-1 files of a source, one for each role of a calibration."""
+    """[LevelOneFile] of a source, one or more for each role in the ``inputs`` of a Calibration (one)."""
     return [file for names in one.inputs.values() for file in source.files(*names) or [source.file(*names)]]
 
 
-def _are_joined(dates, span_days):
+def _are_joined(dates, span_days):  # True if days YYYY-MM-DD lie within ``span_days``, more than one: one event
     first, last = (datetime.date.fromisoformat(one) for one in (min(dates), max(dates)))
     return span_days > 1 and (last - first).days < span_days
 
 
 def days_of(one, data) -> list[tuple[Path, str, str | None]]:
-    """Folders, satellites and dates of the events of a calibration below a folder.
+    """[(folder, letters, date or None)] of the events of a Calibration (one) below the folder ``data``.
 
     A day is where its file is; if the other files of that day are elsewhere, as in a mirror with one tree for each
     level, it is the whole folder. Days that a run would join are one event, without date.
@@ -111,7 +111,7 @@ def days_of(one, data) -> list[tuple[Path, str, str | None]]:
 
 
 def _from_catalogue(one, event):
-    """Source of an event of the catalogue; the folder is that of GRAVCAL_DATA, its own sub-folder first."""
+    """Source of a catalogue event of a Calibration (one); folder: GRAVCAL_DATA/event if there, else GRAVCAL_DATA."""
     entry = catalog.event(event)
     if entry.calibration != one.name:
         refuse(f"event {event}", f"a {entry.calibration} event", f"one of {one.name}", "Choose another event.")
@@ -134,14 +134,14 @@ def _from_catalogue(one, event):
     return Source(event, "".join(entry.letters), str(entry.date), folder)
 
 
-def _only(folder, choices, what, option):
+def _only(folder, choices, what, option):  # the only one of choices, refused if there are several
     if len(choices) == 1:
         return choices[0]
     return refuse(folder, f"{what}s {', '.join(choices)}", f"one {what}", f"Give {option}, or another --data.")
 
 
 def printed_of(calibration: str, event: str | None = None) -> dict[str, list[dict]]:
-    """Published values, or those of an event, as plain records by section, {} where none was printed."""
+    """{section: [dict]} of the published values of a calibration, or of those of an event; {} without."""
     every = catalog.published(calibration).items()
     own = {section: [one for one in records if event is None or event in one.events] for section, records in every}
     plain = lambda one: vars(one) | dict(one.labels) | {"labels": dict(one.labels)}  # noqa: E731
@@ -149,19 +149,19 @@ def printed_of(calibration: str, event: str | None = None) -> dict[str, list[dic
 
 
 def document(ref, name="result.json") -> dict:
-    """Document that was delivered with a product, with the keys of all it was made from by stage, the nearest."""
-    document, records, made_of = json.loads((ref.folder / name).read_text()), store.ancestry(ref.key), {}
-    if records[ref.key] is None:
+    """Document (file ``name``) of a report, whose provenance gets its key and {stage: key} of its nearest ancestors."""
+    document, ancestors, key_of = json.loads((ref.folder / name).read_text()), store.ancestry(ref.key), {}
+    if ancestors[ref.key] is None:
         raise ProductError(f"{ref.name} ({ref.path}): its record was damaged since it was found. Run again.")
-    for part, label in (pair for record in records.values() if record for pair in store.inputs(record)):
+    for part, label in (pair for record in ancestors.values() if record for pair in store.inputs(record)):
         if "key" in part:
-            made_of.setdefault(".".join(filter(None, (label["kind"], label["variant"]))), part["key"])
-    document["provenance"] |= {"key": ref.key, "products": dict(sorted(made_of.items()))}
+            key_of.setdefault(".".join(filter(None, (label["kind"], label["variant"]))), part["key"])
+    document["provenance"] |= {"key": ref.key, "products": dict(sorted(key_of.items()))}
     return document
 
 
 @stage(reads=["file"], writes="ingest", version=1)
 def ingest(file):
-    """Units, time tags and names of one Level-1 file; satellite and clock of every row are left to the attributes."""
+    """Records of one LevelOneFile as of `readers.read`; columns of characters (satellite, clock) are left out."""
     observed = readers.read(file, expect_satellite=file.satellite, expect_date=file.date)
     return observed.drop_vars([name for name in observed if observed[name].dtype.kind == "S"])

@@ -1,7 +1,7 @@
 """Stages of discovery, the same for every calibration.
 
-Each is told the calibration or the kind of product that it writes, the module whose ``observe`` makes the observations,
-and the names of the products there.
+Keywords: the calibration or kind of product written, the module ``observations`` whose ``observe`` makes Observations,
+``names`` of the products there, ``settings`` of ``observe``.
 """
 
 import importlib
@@ -31,24 +31,24 @@ LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=32, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
-    """What the model of an event gets wrong, and why."""
+    """Causes of what the model of an event leaves unexplained."""
     return driver.discover(observations_of(products, observations, names, settings), _limits(limits))
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=32, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
-    """The same in records without what a first search has found, where its effects are large."""
+    """Search repeated in records less the findings of a ``first`` one, where their effects are large."""
     observed = observations_of(products, observations, names, settings)
     return driver.discover_again(observed, _limits(limits), first, _model(first))
 
 
-def _limits(settings):
+def _limits(settings):  # driver.Limits of the settings `LIMITS`
     return driver.Limits(*(settings[name] for name in LIMITS))
 
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=2, also=["{observations}"])
-def limits(searched, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
-    """What was found, with the sizes from which each effect of the catalogue would have been named in this event.
+def limits(searched, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
+    """Search with detection limits: the size from which each effect of the catalogue would have been named.
 
     After the products of the first search come those of the second, if there was one.
     """
@@ -59,7 +59,7 @@ def limits(searched, *products, calibration, observations, names, settings, **li
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=5, also=["{observations}"])
 def extend(*products, records, observations, names, model, settings):
-    """Records without the effects of an extended model."""
+    """Records, product of the kind ``records``, less the effects of an extended model (JSON)."""
     observed, effects = observations_of(products, observations, names, settings), entries(json.loads(model))
     driver.check_causes(observed, effects)
     return _without(observed, products, records, names, effects)
@@ -67,14 +67,14 @@ def extend(*products, records, observations, names, model, settings):
 
 @stage(reads=ANY_PRODUCT, writes="{records}", version=6, also=["{observations}"])
 def extend_by(searched, *products, records, observations, names, settings, tentative):
-    """Records without what was found in them; what is not adopted is taken out tentatively only."""
+    """Records less the findings of a search; findings not adopted only if ``tentative``."""
     model = _model(searched, tentative)
     return _without(observations_of(products, observations, names, settings), products, records, names, model)
 
 
 @stage(reads=RESULTS, writes="{calibration}.discovery_report", version=11, also=["{observations}"])
 def report(searched, *combined, calibration, observations, event, satellite, settings, records):
-    """Document, page and extended model; with results before, after, and before with what a model adds, if any."""
+    """Document, page and extended model; combined: results before, after, before with the initial model."""
     named = {"calibration": calibration, "event": event, "satellite": satellite, "records": records}
     reported = getattr(importlib.import_module(observations), "REPORT", Reported())
     return report_science.report(searched, *combined, settings=settings, reported=reported, **named)
@@ -82,14 +82,14 @@ def report(searched, *combined, calibration, observations, event, satellite, set
 
 @stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=6, also=["{observations}"])
 def evidence(*products, calibration, observations, names, settings):  # noqa: ARG001 - it names the product
-    """What an event tells of the causes of the catalogue, for a search over many; housekeeping after the products."""
+    """Gram matrix of an event (whitened residual, parameters, listed causes) for a joint search; housekeeping last."""
     observed = observations_of(products[: len(names)], observations, names, settings)
     return evidence_science.evidence(observed, *products[len(names) :])
 
 
 @stage(reads=["*.evidence"], writes="{calibration}.joint", version=4)
 def joint(*products, calibration, event, satellite, events, history, settings, **limits):
-    """Causes that many events share, the calibration's values in each, and how they move; with page and model."""
+    """Joint search: causes that events share, the calibration's values in each and their motion; page and model."""
     pooled = joint_science.Search(evidence_science.events_of(products, events), *(limits[name] for name in LIMITS[:3]))
     named = {"calibration": calibration, "event": event, "satellite": satellite}
     by_event = dict(zip(events, products, strict=True))
@@ -97,11 +97,11 @@ def joint(*products, calibration, event, satellite, events, history, settings, *
 
 
 def observations_of(products, observations, names, settings):
-    """Observations of the products by their names; None where they hold none."""
+    """Observations of Datasets (products, in the order of their names); None where they hold none."""
     return importlib.import_module(observations).observe(dict(zip(names, products, strict=True)), **settings)
 
 
-def _model(searched, tentative=True):
+def _model(searched, tentative=True):  # [Entry] of the findings of a search, or of those adopted
     outcome = outcome_of(searched)
     findings = outcome.findings if outcome else []
     if tentative and "believed" in searched.attrs:  # of several that describe the record worse, taken out together
@@ -110,7 +110,7 @@ def _model(searched, tentative=True):
 
 
 def _without(observed, products, records, names, model):
-    """Records of a kind without the effects of a model; as they are where nothing is observed."""
+    """Dataset of the kind ``records`` less the effects of a model ([Entry]); a copy if there are no Observations."""
     if observed is None:
         return dict(zip(names, products, strict=True))[records.rpartition(".")[2]].copy()
     return observed.without(model)

@@ -1,4 +1,4 @@
-"""Stages of the inertial-sensor calibration; the science is in `gravcal/calibrations/inertial_sensor`."""
+"""Stages of the inertial-sensor calibration: Datasets to Dataset, by `gravcal/calibrations/inertial_sensor`."""
 
 import functools
 
@@ -18,31 +18,31 @@ KINDS = product.registered("inertial_sensor", **schemas.of("inertial_sensor.toml
 
 @stage(reads=["file"], writes="inertial_sensor.detect", version=1)
 def detect(*attitudes, **settings):
-    """Swings and rolls in the attitude."""
+    """Swings and rolls detected in the attitude files (ATT)."""
     return records.detect(*(functools.partial(files.read, one) for one in attitudes), **settings)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.align", version=1)
 def align(detected, *observed, **settings):
-    """Record round the swing."""
+    """Voltages, attitude and orbit about the swing, from the files of its days."""
     return records.align(detected, *files.between(observed), **settings)
 
 
 @stage(reads=["inertial_sensor.align"], writes="inertial_sensor.scale", version=2)
 def scale(aligned, **settings):
-    """Angular and linear scale factors, tracker delay."""
+    """Angular and linear scale factors, and delay of the star tracker."""
     return estimating.scale(aligned, **settings)
 
 
 @stage(reads=["inertial_sensor.align", "inertial_sensor.scale"], writes="inertial_sensor.offset", version=5)
 def offset(aligned, scaled, **settings):
-    """Centre of mass to test mass."""
+    """Offset vector from centre of mass to test mass."""
     return estimating.offset(aligned, scaled, **settings)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.segment", version=2)
 def segment(detected, *observed, **settings):
-    """Roll reduced to bins, day by day."""
+    """Record of the roll averaged in bins, day by day."""
     return records.segment(detected, files.loaders(observed), **settings)
 
 
@@ -57,13 +57,13 @@ def bias(segmented, *swing, **settings):
 
 @stage(reads=["inertial_sensor.*"], writes="{kind}", version=3)
 def model_error(solved, *moved, kind):
-    """Scale factors, offset or bias with the errors of an extended model."""
+    """Scale factors, offset or bias with the errors of an extended model; moved: results of its moved models."""
     return biases.with_model_error(solved, *moved, kind=kind)
 
 
 @stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.checks", version=1)
 def checks(detected, *observed, **settings):
-    """Voltages, attitude and orbit of the manoeuvres against each other."""
+    """Consistency checks of voltages, attitude and orbit of the manoeuvres."""
     return checks_science.inputs(detected, files.loaders(observed), **settings)
 
 

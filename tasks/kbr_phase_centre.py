@@ -1,4 +1,4 @@
-"""Stages of the ranging calibration; the science is in `gravcal/calibrations/kbr_phase_centre`."""
+"""Stages of the ranging calibration: Datasets to Dataset, by `gravcal/calibrations/kbr_phase_centre`."""
 
 from gravcal.calibrations import schemas
 from gravcal.store import product
@@ -23,7 +23,7 @@ def align(*observed, **settings):
 
 @stage(reads=[ALIGN], writes=POINTING, version=1)
 def pointing(aligned, **settings):
-    """Observation geometry, and the wiggles in the pointing angles."""
+    """Line of sight in both body frames, and the wiggles (attitude manoeuvres) in the pointing angles."""
     return model_science.pointing(aligned, **settings)
 
 
@@ -35,31 +35,31 @@ def observable(aligned, pointed, *, variant, **settings):
 
 @stage(reads=[OBSERVABLE], writes=NOISE, version=2)
 def noise(equations, **settings):
-    """Noise of the range in quiet data, and what the star cameras add in the manoeuvres."""
+    """Noise of the range in quiet data, and that of the star cameras in the manoeuvres."""
     return noise_science.noise(equations, **settings)
 
 
 @stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=3)
 def solve(equations, measured, *, variant, **settings):
-    """Phase centres from one observable."""
+    """Phase centres of both satellites from one observable (variant); measured: its noise."""
     return estimate_science.solve(equations, measured, variant=variant, **settings)
 
 
 @stage(reads=[SOLVE], writes=COMBINE, version=1)
 def combine(*solved, **settings):
-    """The three observables beside each other."""
+    """Solutions of the three observables compared, and the one adopted."""
     return estimate_science.combine(*solved, **settings)
 
 
 @stage(reads=[COMBINE], writes=COMBINE, version=1)
 def model_error(combined, *moved, **settings):
-    """The same with the errors of an extended model."""
+    """Combined solution with the errors of an extended model; moved: results of its moved models."""
     return estimate_science.with_model_error(combined, *moved, **settings)
 
 
 @stage(reads=[ALIGN, POINTING, OBSERVABLE, OBSERVABLE, "ingest"], writes=CHECKED, version=2)
 def checks(aligned, pointed, ranges, rates, *orbits, **settings):
-    """What orbits, attitudes and ranging must satisfy against each other."""
+    """Consistency checks of orbits, attitudes and ranging."""
     return checks_science.of_inputs(aligned, pointed, ranges, rates, *orbits, **settings)
 
 

@@ -1,4 +1,4 @@
-"""Stages of the magnetometer calibration; the science is in `gravcal/calibrations/magnetometer`."""
+"""Stages of the magnetometer calibration: Datasets to Dataset, by `gravcal/calibrations/magnetometer`."""
 
 from gravcal.calibrations import schemas
 from gravcal.store import product
@@ -16,25 +16,25 @@ KINDS = product.registered("magnetometer", **schemas.of("magnetometer.toml"))
 
 @stage(reads=["ingest"], writes="magnetometer.align", version=3)
 def align(observed, camera, orbit, **settings):
-    """Measured and reference field in the body."""
+    """Measured and reference field in the body frame."""
     return model.align(observed, camera, orbit, **settings)
 
 
 @stage(reads=["magnetometer.align"], writes="magnetometer.estimate", version=1)
 def estimate(aligned, **settings):
-    """Bias, scale, axes and leak of the torquers."""
+    """Bias, scale factors, axes and torquer coupling of the magnetometer."""
     return estimation.estimate(aligned, **settings)
 
 
 @stage(reads=["magnetometer.estimate"], writes="magnetometer.estimate", version=1)
 def model_error(estimated, *moved):
-    """Estimate with the errors of an extended model."""
+    """Estimate with the errors of an extended model; moved: results of its moved models."""
     return named_parameters.with_model_error(estimated, *moved)
 
 
 @stage(reads=["magnetometer.align", "magnetometer.estimate"], writes="magnetometer.checks", version=3)
 def checks(aligned, estimated, **settings):
-    """Field, attitude and orbit against each other, and parts of the result."""
+    """Consistency checks of field, attitude and orbit, and of the estimates of parts of the day."""
     return estimation.check(aligned, estimated, **settings)
 
 
@@ -50,7 +50,7 @@ READ = ["magnetometer.align", "magnetometer.estimate", "ingest", "ingest", "magn
 
 @stage(reads=READ, writes="magnetometer.beside", version=2)
 def beside(aligned, estimated, camera, orbit, published, **settings):
-    """Calibrated field of others less ours, and the parameters that it implies."""
+    """Calibrated field published by others (CDF) less ours, and the parameters that it implies."""
     return estimation.compare(aligned, estimated, camera, orbit, published, **settings)
 
 

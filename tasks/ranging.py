@@ -1,4 +1,4 @@
-"""Stages of the calibration by routine pointing; the science is in `gravcal/calibrations/ranging`."""
+"""Stages of the calibration by routine pointing: Datasets to Dataset, by `gravcal/calibrations/ranging`."""
 
 from gravcal.calibrations import schemas
 from gravcal.store import product
@@ -16,7 +16,7 @@ ALIGNED = [f"kbr_phase_centre.{name}" for name in ("align", "pointing", "observa
 
 @stage(reads=ALIGNED, writes="ranging.align", version=5)
 def align(aligned, pointed, equations, **settings):
-    """Quiet ranging minus orbit, and smoothed pointing."""
+    """Quiet ranging minus orbit, with design columns by smoothed pointing."""
     return model.align(aligned, pointed, equations, **settings)
 
 
@@ -28,7 +28,7 @@ def estimate(rows, **settings):
 
 @stage(reads=["kbr_phase_centre.checks", "ranging.estimate"], writes="ranging.checks", version=1)
 def checks(pair, estimated, **settings):
-    """What orbits, attitudes and ranging must satisfy against each other, and the blocks."""
+    """Consistency checks of orbits, attitudes and ranging, and of the estimates of blocks."""
     return model.check(pair, estimated, **settings)
 
 

@@ -1,4 +1,4 @@
-"""Stages of a routine day: its accelerometer is in `gravcal/calibrations/routine`, the rest with its own names."""
+"""Stages of a routine day, Datasets to Dataset: accelerometer in `gravcal/calibrations/routine`, others in theirs."""
 
 import importlib
 
@@ -17,25 +17,25 @@ KINDS = product.registered("routine", **schemas.of("routine.toml"))
 
 @stage(reads=["ingest"], writes="routine.align", version=1)
 def align(*observed, **settings):
-    """Readings of the accelerometer over steps, with torquers and firings beside them."""
+    """Accelerometer readings averaged over time steps, with torquer dipoles and thruster firings."""
     return science.align(*observed, **settings)
 
 
 @stage(reads=["routine.align"], writes="routine.estimate", version=3)
 def estimate(aligned, **settings):
-    """What firings, torquers and turns make of the readings."""
+    """Response of the accelerometer to firings, torquers and rotation."""
     return science.estimate(aligned, **settings)
 
 
 @stage(reads=["routine.estimate"], writes="routine.checks", version=3)
 def checks(estimated, **settings):
-    """Parts of the result."""
+    """Checks of the estimates of parts of the day."""
     return science.check(estimated, **settings)
 
 
 @stage(reads=["*"], writes="routine.report", version=4)
 def report(*products, names, missing, event, settings):
-    """Result document and page of all instruments."""
+    """Result document and page of all instruments; missing: {instrument: reason}."""
     pages = {"accelerometer": page.PAGE, "magnetometer": magnetometer.PAGE}
     pages |= {"thrusters": thrusters.PAGE, "ranging": ranging.PAGE}
     return page.report(*products, names=names, missing=missing, pages=pages, event=event, settings=settings)
@@ -47,6 +47,6 @@ OBSERVATIONS = {"accelerometer": "gravcal.calibrations.routine.observations"} | 
 
 @stage(reads=["*.discovery"], writes="routine.discovery_report", version=3, also=[*OBSERVATIONS.values()])
 def discovered(*searches, parts, missing, event, settings):
-    """Result document and page of the searches of all parts."""
+    """Result document and page of the discoveries of all instruments (parts)."""
     reported = {part: importlib.import_module(name).REPORT for part, name in OBSERVATIONS.items()}
     return page.discovered(*searches, parts=parts, missing=missing, reported=reported, event=event, settings=settings)

@@ -46,21 +46,21 @@ from gravcal.store.store import ProductRef
 
 _engine = contextvars.ContextVar("gravcal_engine", default=None)
 _listeners = contextvars.ContextVar("gravcal_listeners", default=())
-_calls = {}  # key -> Call of this process, to make a damaged input again
+_calls = {}  # key -> Call of this process, by which `read` makes a damaged product again
 
 
 @dataclass(frozen=True)
 class Stage:
-    """A function of datasets with its label; call it with products to get a product."""
+    """A function of Datasets with kinds and version; called with ProductRefs it returns a ProductRef."""
 
     body: Callable
-    reads: tuple[str, ...]
-    writes: str
+    reads: tuple[str, ...]  #: kind of each input
+    writes: str  #: kind of the product
     version: int
-    also: tuple[str, ...] = ()
+    also: tuple[str, ...] = ()  #: modules that the body reaches without an import statement
 
     def __call__(self, *items, **settings):
-        """Product of these inputs and settings; with datasets, what the body returns."""
+        """ProductRef of these inputs and settings, by the engine in force; with Datasets, what the body returns."""
         known = getattr(sys.modules.get("xarray"), "Dataset", None)  # not imported: another thread may be about to
         if items and known and all(isinstance(item, known) for item in items):
             return self.body(*items, **settings)
@@ -68,7 +68,7 @@ class Stage:
 
     @property
     def name(self):
-        """Where the stage is found: "tasks.com_offset:solve"."""
+        """Module and name of the body: "tasks.com_offset:solve"."""
         return f"{self.body.__module__}:{self.body.__name__}"
 
 
@@ -77,21 +77,21 @@ class Call:
     """One stage with its inputs and settings, ready to be looked up or made."""
 
     stage: Stage
-    inputs: tuple
+    inputs: tuple  #: of ProductRef or LevelOneFile
     settings: Mapping = field(hash=False)
     event: str
     variant: str
 
     @property
     def unmade(self):
-        """Reference without key: the product this call would give."""
+        """ProductRef without key and digest of the product that this call would make."""
         return ProductRef(self.event, self.stage.writes, self.variant)
 
 
 def stage(*, reads, writes, version, also=()):
     """Decorator that makes a stage of a function; see the top of this module."""
 
-    def decorate(body):
+    def decorate(body):  # Stage
         decorated = Stage(body, tuple(reads), writes, version, tuple(also))
         for name in functools.WRAPPER_ASSIGNMENTS:
             object.__setattr__(decorated, name, getattr(body, name, None))
@@ -103,7 +103,7 @@ def stage(*, reads, writes, version, also=()):
 class lazy:
     """Stand-in for a module, imported at its first use, so that plans and cached runs stay quick."""
 
-    def __init__(self, name):
+    def __init__(self, name):  # "gravcal.x"
         self._name = name
 
     def __getattr__(self, attribute):
@@ -113,7 +113,7 @@ class lazy:
 
 @contextlib.contextmanager
 def using(engine, listener=None):
-    """Let stages called inside run by this engine; the listener hears (call, state, ref) of each that is done."""
+    """Context whose stages run by an engine, Call -> ProductRef; the listener (call, state, ref) hears of each done."""
     before, heard = _engine.set(engine), _listeners.set((*_listeners.get(), *([listener] if listener else [])))
     try:
         yield
@@ -123,7 +123,7 @@ def using(engine, listener=None):
 
 
 def read(ref):
-    """Content of a product, verified; made again if it is damaged. What the present engine cannot know stops a plan."""
+    """Dataset of a ProductRef, verified; made again if it is damaged. In a plan one not made yet raises Unknown."""
     engine = _engine.get()
     if getattr(engine, "resolve", None):
         ref = engine.resolve(ref)
@@ -151,7 +151,7 @@ def forget():
 
 
 def inline(call):
-    """Engine that looks up or computes at once, in this process."""
+    """Engine that looks up or computes the product of a Call at once, in this process; its ProductRef."""
     ref, state = perform(call)
     for listener in _listeners.get():
         listener(call, state, ref)
@@ -159,28 +159,28 @@ def inline(call):
 
 
 def perform(call):
-    """Look up the product of a call, or make it: its ProductRef, and "cached" or "made"."""
-    wanted, modules = recipe(call)
-    key = keys.key(wanted)
+    """(ProductRef, "cached" or "made"): the product of a Call, looked up or made under a lock of its key."""
+    product_recipe, modules = recipe(call)
+    key = keys.key(product_recipe)
     _calls[key] = call
     ref, state = usable(key), "cached"
     if ref is None:
         with store.lock(key):
             ref = usable(key)
             if ref is None:
-                ref, state = _make(call, key, wanted, modules), "made"
+                ref, state = _make(call, key, product_recipe, modules), "made"
     store.point(ref)
     return ref, state
 
 
 def usable(key):
-    """Product with this key, or None; also if other versions made it and such products are to be made again."""
+    """ProductRef with this key, or None; also None if other versions made it and such products are to be remade."""
     ref = store.find(key)
     return None if ref and history.remakes_versions() and history.other_versions(ref) else ref
 
 
 def recipe(call):
-    """What the product of a call depends on, as plain values, and the digest of each part of the code by its name.
+    """(recipe: dict of all that the product of a Call depends on; {part of the code: digest}).
 
     The digest of an input that is not known yet is None.
     """
@@ -200,7 +200,7 @@ def recipe(call):
 
 
 def call_of(called, items, settings):
-    """Call with checked inputs and settings in canonical form."""
+    """Call of a Stage with checked inputs and settings in canonical form, and its event and variant."""
     keys.check_inputs(called.name, items, called.reads)
     known = inspect.signature(called.body).parameters
     keywords = dict(settings)
@@ -210,8 +210,8 @@ def call_of(called, items, settings):
     for name in ("event", "variant"):
         if name in keywords and name not in known:
             del keywords[name]
-    wanted = {name for name, one in known.items() if one.kind is inspect.Parameter.KEYWORD_ONLY}
-    takes_all = any(one.kind is inspect.Parameter.VAR_KEYWORD for one in known.values())
+    wanted = {name for name, parameter in known.items() if parameter.kind is inspect.Parameter.KEYWORD_ONLY}
+    takes_all = any(parameter.kind is inspect.Parameter.VAR_KEYWORD for parameter in known.values())
     missing, unknown = wanted - set(keywords), set() if takes_all else set(keywords) - wanted
     if missing or unknown:
         raise TypeError(f"{called.name}: settings missing {sorted(missing)}, unknown {sorted(unknown)}")
@@ -219,15 +219,15 @@ def call_of(called, items, settings):
         also = tuple(name.format_map(keywords) for name in called.also)
         called = Stage(called.body, called.reads, called.writes.format_map(keywords), called.version, also)
     where = f"{called.writes}, setting"
-    plain = {name: keys.canonical(value, f"{where} {name}") for name, value in keywords.items()}
-    plain = {
+    canonical = {name: keys.canonical(value, f"{where} {name}") for name, value in keywords.items()}
+    canonical = {
         name: keys.typed(value, known[name].annotation if name in known else None, f"{where} {name}")
-        for name, value in sorted(plain.items())
+        for name, value in sorted(canonical.items())
     }
-    return Call(called, tuple(items), plain, event, variant or "")
+    return Call(called, tuple(items), canonical, event, variant or "")
 
 
-def _make(call, key, wanted, modules):
+def _make(call, key, wanted, modules):  # ProductRef of the body's result; wanted, modules: as of `recipe`
     contents = [item if keys.is_file(item) else read(item) for item in call.inputs]
     settings = copy.deepcopy(dict(call.settings))
     started = time.perf_counter()
@@ -262,9 +262,9 @@ def _make(call, key, wanted, modules):
 
 
 def _origin(call, contents, stated, own):
-    """Origin of what a stage made: that of all its inputs, of a file what the event, the body or its header says.
+    """Origin of a product: common to its inputs; of a file as the event (stated), the body (own) or its header says.
 
-    What the body says may make measured simulated, never the reverse.
+    An origin set by the body may turn measured into simulated, never the reverse.
     """
     inputs_of = zip(call.inputs, contents, strict=True)
     origins = [
@@ -275,7 +275,7 @@ def _origin(call, contents, stated, own):
 
 
 def _of_input(error, call):
-    """Error to raise for one of a body: an EstimationError about its input where equations cannot be solved."""
+    """Error itself, or for singular equations and not finite input an EstimationError that names event and stage."""
     of_scipy = isinstance(error, ValueError) and "infs or NaNs" in str(error)  # asarray_chkfinite
     if not isinstance(error, np.linalg.LinAlgError) and not of_scipy:
         return error

@@ -1,4 +1,4 @@
-"""Stages of the thruster calibration; the science is in `gravcal/calibrations/thrusters`."""
+"""Stages of the thruster calibration: Datasets to Dataset, by `gravcal/calibrations/thrusters`."""
 
 from gravcal.calibrations import schemas
 from gravcal.store import product
@@ -28,25 +28,25 @@ def noise(aligned, **settings):
 
 @stage(reads=["ingest"], writes="thrusters.heads", version=1)
 def heads(observed, **settings):
-    """Mounting of the heads of the star camera against each other, and their noise."""
+    """Relative mounting of the star camera heads, and their noise."""
     return heads_science.heads(observed, **settings)
 
 
 @stage(reads=["thrusters.align", "thrusters.noise"], writes="thrusters.estimate", version=1)
 def estimate(aligned, measured, **settings):
-    """Gain of the impulses and delay of the tags."""
+    """Gain of the thruster impulses and delay of their time tags."""
     return estimation.estimate(aligned, measured, **settings)
 
 
 @stage(reads=["thrusters.estimate"], writes="thrusters.estimate", version=1)
 def model_error(estimated, *moved):
-    """Estimate with the errors of an extended model."""
+    """Estimate with the errors of an extended model; moved: results of its moved models."""
     return named_parameters.with_model_error(estimated, *moved)
 
 
 @stage(reads=["thrusters.align", "thrusters.estimate"], writes="thrusters.checks", version=2)
 def checks(aligned, estimated, **settings):
-    """Attitude, orbit and firings against each other, and parts of the result."""
+    """Consistency checks of attitude, orbit and firings, and of the estimates of parts of the day."""
     return estimation.check(aligned, estimated, **settings)
 
 

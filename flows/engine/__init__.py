@@ -1,4 +1,4 @@
-"""How a flow runs: here (inline), only in thought (plan), or through Prefect. The flow's text is the same for all.
+"""Engines of a flow: in this process (inline), without computing (plan), or through Prefect; its code is the same.
 
 @flow(name="com_offset")
 def calibrate(source, chosen): ...
@@ -39,7 +39,7 @@ class Step:
 
     event: str
     stage: str
-    action: str
+    action: str  #: "reuse", "run" or "may run"
     reasons: tuple[str, ...]
     ref: ProductRef
     key: str | None = None  #: of the product, None where an input is not there yet
@@ -55,7 +55,7 @@ def flow(*, name):
     Readable links are those of the configuration that the parameters are of.
     """
 
-    def decorate(body):
+    def decorate(body):  # body: (source, chosen) -> ProductRef
         @functools.wraps(body)
         def configured(source, chosen):
             with location.configured(getattr(chosen, "configuration", location.OPERATIONAL)):
@@ -79,7 +79,7 @@ def one_thread():
 
 
 def plan(body, source, chosen):
-    """Steps that a flow would do, in order, and ProductRef of the result, None where that needs what is not there."""
+    """([Step] of a flow in order, ProductRef of its result or None if that needs a missing product); makes nothing."""
     planner = Planner()
     with stage.using(planner):
         try:
@@ -106,7 +106,7 @@ def run(body, source, chosen, engine="prefect", listener=None):
     configured = location.configured(getattr(chosen, "configuration", location.OPERATIONAL))
     with configured, noted as note, one_thread():
 
-        def heard(*stage_done):
+        def heard(*stage_done):  # (call, state, ref)
             note(*stage_done)
             if listener:
                 listener(*stage_done)
@@ -121,9 +121,9 @@ def run(body, source, chosen, engine="prefect", listener=None):
 
 
 def attempt(part):
-    """What a part of a flow returns, or the GravcalError that it ends in; its stages run here, whatever the engine.
+    """Result of ``part()``, or the GravcalError that it raises; its stages run in this process, whatever the engine.
 
-    In a plan only what can be said without computing is one, such as a file that is missing.
+    In a plan only errors that need no computation are returned, such as a missing file.
     """
     computes = getattr(stage.current(), "computes", True)
     try:
@@ -136,7 +136,7 @@ def attempt(part):
 
 
 class Planner:
-    """Engine that makes nothing and notes what would be made."""
+    """Engine of a plan: makes nothing and lists the steps (`Step`) of a flow."""
 
     computes = False
 
@@ -169,12 +169,12 @@ class Planner:
 
 
 def warn(message):
-    """One line on standard error."""
+    """Write "gravcal: message" to standard error."""
     sys.stderr.write(f"gravcal: {message}\n")
 
 
 def remake(entry):
-    """Product made anew, every stage compared with what the store holds."""
+    """Make a product (Entry) again in an empty store: {"product", "equal": bool, "stages": [dict of `_remade`]}."""
     stages = []
     single_threaded()
     with tempfile.TemporaryDirectory(prefix="gravcal-rebuild-") as folder:
@@ -185,13 +185,13 @@ def remake(entry):
 
 
 def _remade(key, original, stages, done):
-    """Product of a key made again from its record, once; a verdict on each goes to `stages`."""
+    """ProductRef remade once by the record in the store `original`; to `stages`: {"stage", "verdict", "why"}."""
     if key in done:
         return done[key]
     record = store.read_record(original / "objects" / key[:2] / key)
     if record is None:
         refuse(f"product {key[:12]}", f"that its record is no longer in {original}", "it", "Run its event again.")
-    items = [
+    inputs = [
         _raw_file(part, label) if "path" in part else _remade(part["key"], original, stages, done)
         for part, label in store.inputs(record)
     ]
@@ -202,9 +202,9 @@ def _remade(key, original, stages, done):
     except (ImportError, AttributeError) as error:
         missing, remedy = f"no stage {record['stage']} ({error})", f"Install gravcal {record['versions']['gravcal']}."
         refuse(recipe["kind"], missing, "the stage that made it", remedy, stage=record["stage"])
-    made = done[key] = body(*items, **settings)
-    anew = store.read_record(made.folder)
-    changed, version = history.changed(record, anew), anew["recipe"]["version"]
+    made = done[key] = body(*inputs, **settings)
+    new_record = store.read_record(made.folder)
+    changed, version = history.changed(record, new_record), new_record["recipe"]["version"]
     if recipe["version"] != version:
         changed.append(f"version {recipe['version']} -> {version}")
     verdict = "equal" if made.digest == record["digest"] else "different"
@@ -213,7 +213,7 @@ def _remade(key, original, stages, done):
 
 
 def _raw_file(part, label):
-    """Level-1 file of a record, with the content it had."""
+    """LevelOneFile of a recorded input (place; label in the recipe), refused if it is gone or its SHA-256 differs."""
     path = Path(part["path"])
     where = f"{path}:{part['member']}" if part["member"] else str(path)
     if not path.is_file():
@@ -229,7 +229,7 @@ def _raw_file(part, label):
 
 @contextlib.contextmanager
 def other_store(folder):
-    """Let everything inside use another store."""
+    """Context in which the store is another folder (str), by GRAVCAL_PRODUCTS."""
     before = dict(os.environ)
     os.environ["GRAVCAL_PRODUCTS"] = folder
     try:
@@ -253,21 +253,21 @@ class Submitter:
         self.pending, self.listener = [], listener
 
     def __call__(self, call):
-        """Reference to the product of a submitted task."""
+        """Pending reference to the product of a Call, submitted as a Prefect task."""
         waits = [item.future if isinstance(item, Pending) else item for item in call.inputs]
         future = _task(call, self.listener).submit(*waits)
         self.pending.append(Pending(call.event, call.stage.writes, call.variant, future=future))
         return self.pending[-1]
 
     def resolve(self, ref):
-        """Reference of the finished product."""
+        """ProductRef of the finished product of a Pending, after all tasks; others are returned as they are."""
         if not isinstance(ref, Pending):
             return ref
         self.raise_first()
         return ref.future.result()
 
     def raise_first(self):
-        """Wait for all tasks; raise what went wrong first, in the order of the flow."""
+        """Wait for all tasks; raise the error of the first that failed, in the order of the flow."""
         for pending in self.pending:
             pending.future.wait()
         for pending in self.pending:
@@ -277,10 +277,10 @@ class Submitter:
 
 
 def _through_prefect(body, name, listener, steps):
-    """Result of a flow whose stages are Prefect tasks; Unavailable without a server."""
+    """ProductRef that ``body()`` returns, its stages Prefect tasks, after a plan of steps; Unavailable if no server."""
     engine = Submitter(listener)
 
-    def stages():
+    def stages():  # ProductRef of the result, as body of the Prefect flow
         from prefect.artifacts import create_table_artifact
 
         rows = [{"stage": one.stage, "action": one.action, "why": "; ".join(one.reasons)} for one in steps]
@@ -299,7 +299,7 @@ def _through_prefect(body, name, listener, steps):
 
 
 def flow_on(url, body, name, count):
-    """What a function returns as a Prefect flow on a server that answers, once the server knows of all its tasks."""
+    """Result of ``body()`` run as a Prefect flow on the server at url, once that recorded ``count()`` ended tasks."""
     import prefect
     from prefect.context import get_run_context
     from prefect.settings import PREFECT_FLOWS_HEARTBEAT_FREQUENCY, temporary_settings
@@ -307,7 +307,7 @@ def flow_on(url, body, name, count):
 
     known = {}
 
-    def watched():
+    def watched():  # `body` after tagging its run
         known["run"] = get_run_context().flow_run.id
         servers.sign(url, known["run"])
         return body()
@@ -331,7 +331,7 @@ def _task(call, listener):
     from prefect.states import Completed
 
     @functools.wraps(call.stage.body)
-    def work(*inputs):
+    def work(*inputs):  # ProductRef, or Completed with it
         known = stage.Call(call.stage, inputs, call.settings, call.event, call.variant)
         with stage.using(stage.inline):
             ref, state = stage.perform(known)

@@ -91,14 +91,14 @@ def page(url, name):
     """File for this user alone that opens Prefect's page signed in: no command line and no log has the key."""
     path = home() / f"open-{name}.html"
     path.unlink(missing_ok=True)
-    string = base64.b64encode(os.environ[AUTH].encode()).decode()
+    encoded = base64.b64encode(os.environ[AUTH].encode()).decode()
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-        file.write(OPEN.format(where=url.removesuffix("/api") + "/enter", string=string))
+        file.write(OPEN.format(where=url.removesuffix("/api") + "/enter", string=encoded))
     return path
 
 
 def client(url):
-    """Prefect's settings of a client of a server."""
+    """{Prefect setting: value} of a client of the server at url: address, and authentication string where set."""
     from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL
 
     known = {PREFECT_API_AUTH_STRING: os.environ[AUTH]} if AUTH in os.environ else {}
@@ -111,11 +111,11 @@ class Server:
 
     url: str
     child: subprocess.Popen | None = None
-    gate: object = None
+    gate: object = None  #: locked file that keeps others from starting a server, closed once this one answers
 
 
 def begin(port=None):
-    """Start a server without waiting for it, so that it comes up while Prefect is imported."""
+    """Server (the user's, or a child on that port if free), not waited for: it starts while Prefect is imported."""
     set_environment()
     if os.environ.get("PREFECT_API_URL"):
         return Server(os.environ["PREFECT_API_URL"])
@@ -123,15 +123,15 @@ def begin(port=None):
         gate = (home() / "start.lock").open("w")
         fcntl.flock(gate, fcntl.LOCK_EX)
         os.environ[AUTH] = auth_string()
-        with listener(port) as door, _log().open("ab") as log:  # handed on as it is: nobody else can take the port
-            port = door.getsockname()[1]
-            known = {
+        with listener(port) as listening, _log().open("ab") as log:  # handed on as it is: nobody else can take the port
+            port = listening.getsockname()[1]
+            extra = {
                 "PREFECT_SERVER_API_AUTH_STRING": os.environ[AUTH],
                 "PREFECT_SERVER_API_CORS_ALLOWED_ORIGINS": ",".join(f"http://{name}:{port}" for name in NAMES),
             }
-            command = [sys.executable, "-m", "flows.engine.server", str(door.fileno()), str(os.getpid())]
+            command = [sys.executable, "-m", "flows.engine.server", str(listening.fileno()), str(os.getpid())]
             channels = {"stdin": subprocess.DEVNULL, "stdout": log, "stderr": log}
-            child = subprocess.Popen(command, **channels, env=os.environ | known, pass_fds=[door.fileno()])
+            child = subprocess.Popen(command, **channels, env=os.environ | extra, pass_fds=[listening.fileno()])
     except OSError as error:
         raise Unavailable(str(error)) from error
     return Server(f"http://{HOST}:{port}/api", child, gate)
@@ -156,7 +156,7 @@ def running(server):
 
 
 def end(server):
-    """End a child that was started."""
+    """End the child process of a Server, if it has one."""
     if server.child is None:
         return
     server.gate.close()
@@ -169,82 +169,82 @@ def end(server):
 
 
 def drain(url, flow_run, expected):
-    """Wait until the server has recorded the end of every task of a run, or the time limit is over."""
+    """Wait until the server has recorded the end of ``expected`` tasks of a run (its id), at most DRAIN_LIMIT_S."""
     question = {
         "flow_runs": {"id": {"any_": [str(flow_run)]}},
         "task_runs": {"state": {"type": {"any_": ENDED}}},
     }
-    limit = time.monotonic() + DRAIN_LIMIT_S
+    deadline = time.monotonic() + DRAIN_LIMIT_S
     with contextlib.suppress(OSError):
-        while ask(url, "/task_runs/count", question) < expected and time.monotonic() < limit:
+        while ask(url, "/task_runs/count", question) < expected and time.monotonic() < deadline:
             time.sleep(0.1)
 
 
 def sign(url, flow_run):
-    """Tag a run with this process; tasks are not tagged, for each would ask the server whether the tag has a limit."""
+    """Tag a run (id) with host and process id; not its tasks: each would ask the server for a limit."""
     with contextlib.suppress(OSError):
         ask(url, f"/flow_runs/{flow_run}", {"tags": [f"{OWN}{platform.node()}-{os.getpid()}"]}, "PATCH")
 
 
 def registered(url, deployment):
-    """What a deployment runs, as the server holds it: {field: value}."""
+    """{field: value} of a deployment (id) that say what its runs do (`RUNS`), as the server holds them."""
     return {name: value for name, value in ask(url, f"/deployments/{deployment}").items() if name in RUNS}
 
 
 def bury(url, deployments=()):
     """Mark runs and their tasks as crashed whose process on this machine was killed: the server cannot know.
 
-    Of deployments all that are unfinished; for one who knows that nobody else runs them.
+    With deployments (ids), all their unfinished runs instead: for a caller who knows that nobody else runs them.
     """
-    here, begun = f"{OWN}{platform.node()}-", {"state": {"type": {"any_": BEGUN}}}
+    prefix, unfinished = f"{OWN}{platform.node()}-", {"state": {"type": {"any_": BEGUN}}}
     crashed = {"state": {"type": "CRASHED", "name": "Crashed", "message": "its process was killed"}, "force": True}
-    which = {"deployment_id": {"any_": [str(one) for one in deployments]}} if deployments else {}
+    selected = {"deployment_id": {"any_": [str(one) for one in deployments]}} if deployments else {}
     with contextlib.suppress(OSError, ValueError):
-        for run in ask(url, "/flow_runs/filter", {"flow_runs": which | begun}):
-            pids = [tag.removeprefix(here) for tag in run["tags"] if tag.startswith(here)]
+        for run in ask(url, "/flow_runs/filter", {"flow_runs": selected | unfinished}):
+            pids = [tag.removeprefix(prefix) for tag in run["tags"] if tag.startswith(prefix)]
             if not deployments and (not pids or Path(f"/proc/{pids[0]}").exists()):
                 continue
-            wanted = {"flow_runs": {"id": {"any_": [run["id"]]}}, "task_runs": begun}
+            wanted = {"flow_runs": {"id": {"any_": [run["id"]]}}, "task_runs": unfinished}
             for task in ask(url, "/task_runs/filter", wanted):
                 ask(url, f"/task_runs/{task['id']}/set_state", crashed)
             ask(url, f"/flow_runs/{run['id']}/set_state", crashed)
 
 
 def ask(url, path, question=None, method=None):
-    """Answer of the server to a question, both JSON; asked again while it says that its database is busy."""
+    """JSON answer of the server to a request (GET, or POST of ``question``), repeated while it answers 503, busy."""
     import requests
     from urllib3.util import Retry
 
-    again = Retry(BUSY_RETRIES, connect=0, read=0, backoff_factor=0.2, status_forcelist=[503], allowed_methods=None)
+    retry = Retry(BUSY_RETRIES, connect=0, read=0, backoff_factor=0.2, status_forcelist=[503], allowed_methods=None)
     with requests.Session() as session:
         session.trust_env = HOST not in url  # a proxy does not know the ports of this machine
         session.auth = tuple(os.environ[AUTH].split(":", 1)) if AUTH in os.environ else None
         session.headers["Connection"] = "close"  # a busy server closes after its answer: ask again on a new one
         for scheme in ("http://", "https://"):
-            session.mount(scheme, requests.adapters.HTTPAdapter(max_retries=again))
-        chosen = method or ("GET" if question is None else "POST")
-        answer = session.request(chosen, url + path, json=question, timeout=10)
+            session.mount(scheme, requests.adapters.HTTPAdapter(max_retries=retry))
+        verb = method or ("GET" if question is None else "POST")
+        answer = session.request(verb, url + path, json=question, timeout=10)
     answer.raise_for_status()
     return json.loads(answer.content or b"null")
 
 
 def _wait_for(server):
-    """Wait until the server answers; then others may start theirs."""
-    limit = time.monotonic() + START_LIMIT_S
-    while time.monotonic() < limit and (server.child is None or server.child.poll() is None):
+    """Wait until the server answers, then release its lock file; Unavailable if it ends or takes too long."""
+    deadline = time.monotonic() + START_LIMIT_S
+    while time.monotonic() < deadline and (server.child is None or server.child.poll() is None):
         with contextlib.suppress(OSError):
             ask(server.url, "/health")
             if server.gate:
                 server.gate.close()
             return
         time.sleep(0.05)
-    ended = server.child is not None and server.child.poll()
-    what = f"did not answer within {START_LIMIT_S:.0f} s" if ended in (None, False) else f"ended with code {ended}"
+    code = server.child is not None and server.child.poll()
+    what = f"did not answer within {START_LIMIT_S:.0f} s" if code in (None, False) else f"ended with code {code}"
     raise Unavailable(f"{server.url} {what}; see {_log()}")
 
 
 def _log():
-    """Log of the servers; one that is too long is kept beside it, and a new one begun."""
+    """Path of server.log; one longer than LOG_LIMIT is renamed to server.log.1 first."""
     log = Path(os.environ["PREFECT_HOME"]).expanduser() / "server.log"
     if log.exists() and log.stat().st_size > LOG_LIMIT:
         log.replace(log.with_suffix(".log.1"))

@@ -1,4 +1,4 @@
-"""Addresses of the pages, who may ask for them, what an answer may contain, and the server."""
+"""Routes of the pages, access control by host and token, security headers, and the server."""
 
 import hmac
 import ipaddress
@@ -34,7 +34,7 @@ LOCAL = ("127.0.0.1", "localhost", "::1")
 
 
 def application(calibrations, token="", hosts=LOCAL):
-    """The pages of calibrations {name: record} as an ASGI application; token and hosts as of `guarded`."""
+    """ASGI application of the pages; calibrations {name: Calibration}, token and hosts as of `guarded`."""
     routes = [
         Route("/", pages.home),
         Route("/timeline/{calibration}", pages.timeline),
@@ -61,13 +61,13 @@ def application(calibrations, token="", hosts=LOCAL):
 
 
 def guarded(app, token, hosts):
-    """ASGI application that answers only those who may ask; an empty token is not asked for.
+    """ASGI application that answers only GET and HEAD with the token (as a cookie or query; "": none needed).
 
     Hosts are the names under which the server may be addressed, "*" for any: foreign pages cannot reach it by a name of
     their own that leads to this machine.
     """
 
-    async def answer(request, call_next):
+    async def answer(request, call_next):  # Response, with `HEADERS`
         response = _refused(request, token, hosts) or await call_next(request)
         for name, value in HEADERS.items():
             response.headers.setdefault(name, value)
@@ -77,7 +77,7 @@ def guarded(app, token, hosts):
 
 
 def _refused(request, token, hosts):
-    """Answer to a request that is not let through, or None."""
+    """Response to a request that is refused, or redirected to set the cookie; None if it may pass."""
     named = request.headers.get("host") and request.url.hostname
     if "*" not in hosts and named not in hosts:
         return PlainTextResponse("This server does not answer to that host name.\n", 421)

@@ -1,4 +1,4 @@
-"""One function for each page: asks the store, fills a template. Names from the address are looked up, never joined."""
+"""One function for each page: request to response. Names in a URL are looked up in the store, never joined to paths."""
 
 import graphlib
 import re
@@ -33,7 +33,7 @@ def home(request):
 
 
 def timeline(request):
-    """Results of a calibration over the years."""
+    """Page with the results of a calibration over the years."""
     calibration = _calibration(request)
     points = years.points(calibration)
     letters = sorted({point.satellite for point in points})
@@ -41,12 +41,12 @@ def timeline(request):
 
 
 def timeline_figure(request):
-    """Figure of one satellite over the years."""
+    """JSON figure of the results of one satellite over the years."""
     return JSONResponse(_there(plots.over_years(_calibration(request), request.path_params["satellite"])))
 
 
 def event(request):
-    """Chain of stages of one event as its last run left it, what a change would remake, its results and reports."""
+    """Chain of stages of an event after its last run, products that a changed setting remakes, results, reports."""
     name, configuration = _event(request)
     plain = [row for row in store_index.results() if row["event"] == name]
     flows = store_index.flows(name, configuration)
@@ -66,13 +66,13 @@ def event(request):
 
 
 def _settings(settings):
-    """Names of the settings of a product that a user can choose, also of those handed on as a table."""
+    """Names of the settings of a product's recipe, also of those in a nested table "settings"."""
     for name, value in settings.items():
         yield from _settings(value) if isinstance(value, dict) and name == "settings" else [name]
 
 
 def _earlier(request, rows):
-    """Other results of an event, with what each value was and by how much this one differs, and why."""
+    """[(Entry, lines of `comparison.moved`, reasons)] of other results of an event, compared with its rows."""
     earlier = []
     for row in (row for row in rows if _delivered(row["document"])):
         calibration = request.app.state.calibrations.get(row["calibration"])
@@ -86,7 +86,7 @@ def _earlier(request, rows):
 
 
 def _delivered(document):
-    """Whether a document, or None, holds a result."""
+    """True if a document (None: none) has a status with a result."""
     return (document or {}).get("status") in WITH_RESULT
 
 
@@ -101,14 +101,14 @@ def compare(request):
 
 
 def search(request):
-    """What discovery said of an event: verdict, findings, what it could not have seen; and its own page."""
+    """Discovery of an event: verdict, findings, detection limits, and link to its report."""
     name, configuration = _event(request)
     searches = _there(store_index.searches(name, configuration))
     return _filled("search.html", request, name=name, configuration=configuration, found=searches)
 
 
 def designs(request):
-    """Designs of sessions in the catalogue, and what of an event was planned and found."""
+    """Designs of sessions in the catalogue, proposed ones, and planned and detected manoeuvres of an event."""
     known = {name: catalog.design(name) for name in catalog.names("designs")}
     name = request.query_params.get("event", "")
     event = catalog.event(name) if name in catalog.names("events") else None
@@ -126,7 +126,7 @@ def results(request):
 
 
 def _csv(text, name):
-    """Answer with a table to be kept."""
+    """Response with CSV text, to be saved as name.csv."""
     disposition = {"Content-Disposition": f'attachment; filename="{name}.csv"'}
     return PlainTextResponse(text, media_type="text/csv", headers=disposition)
 
@@ -140,7 +140,7 @@ def products(request):
 
 
 def product(request):
-    """One product: what it holds, a plot, how it was made."""
+    """One product: variables, a plot, attributes, provenance, related products."""
     entry = _there(store_index.entry(request.path_params["key"]))
     held = series.listed(entry.ref.path)
     shown = _shown(held, request.query_params.get("variable"))
@@ -155,12 +155,12 @@ def product(request):
 
 
 def figure(request):
-    """Figure of a variable."""
+    """JSON figure of a variable, as of `plots.figure`."""
     return JSONResponse(plots.figure(_wish(request, request.path_params["variable"])))
 
 
 def data(request):
-    """Data of a figure between two places of its axis."""
+    """JSON data of a figure between the coordinates "from" and "to", as drawn; HTTP 400 without both."""
     start, stop = _ends(request)
     if start is None or stop is None:
         raise HTTPException(400, "give from and to, two numbers")
@@ -168,13 +168,13 @@ def data(request):
 
 
 def samples(request):
-    """Data of a figure as CSV, every sample between two places of its axis."""
+    """Data of a figure as CSV, every sample between the coordinates "from" and "to", if any."""
     wish = _wish(request, request.path_params["variable"])
     return _csv(plots.table(wish, *_ends(request)), wish.variable)
 
 
 def _ends(request):
-    """Places of the axis between which data are asked for, None for each that is not given as a number."""
+    """[from, to] of the query, coordinates of the axis as drawn; None for each that is no number."""
     texts = (request.query_params.get(name, "") for name in ("from", "to"))
     return [float(text) if re.fullmatch(r"[-+]?\d+(\.\d*)?(e[-+]?\d+)?", text) else None for text in texts]
 
@@ -189,52 +189,52 @@ def file(request):
 
 
 def not_found(request, _):
-    """Say that there is no such page."""
+    """HTTP 404: there is no such page."""
     return _filled("message.html", request, 404, title="Not in this store",
                    text="There is no such page, event or product here.")  # fmt: skip
 
 
 def broken(request, _):
-    """Say that a page failed."""
+    """HTTP 500: a page failed."""
     return _filled("message.html", request, 500, title="This page failed",
                    text="A product may be damaged: gravcal products verify says which.")  # fmt: skip
 
 
 def missing(_, error):
-    """Say what cannot be drawn, and why."""
+    """HTTP 404 with the text of a `series.Missing`."""
     return PlainTextResponse(f"{error}\n", 404)
 
 
 def _there(target):
-    """What was looked up; the answer is "not found" where that is nothing."""
+    """The target itself; HTTP 404 where it is None or empty."""
     if not target:
         raise HTTPException(404)
     return target
 
 
 def _calibration(request):
-    """Record of the calibration in the address."""
+    """Calibration in the path of the request; HTTP 404 if unknown."""
     return _there(request.app.state.calibrations.get(request.path_params["calibration"]))
 
 
 def _event(request):
-    """Names of the event and of the configuration in the address."""
+    """(event, configuration) in the request, by default "operational"."""
     return request.path_params["event"], request.query_params.get("as", location.OPERATIONAL)
 
 
 def _wish(request, variable):
-    """What the address asks to be drawn."""
-    asked = request.query_params
-    columns = tuple(int(text) for text in asked.getlist("column") if text.isascii() and text.isdigit())
-    view = asked.get("view", "overlay")
+    """`plots.Wish` of a variable (name) from the query of a request; invalid entries are ignored."""
+    query = request.query_params
+    columns = tuple(int(text) for text in query.getlist("column") if text.isascii() and text.isdigit())
+    view = query.get("view", "overlay")
     view = view if view in plots.VIEWS else "overlay"
-    other = asked.get("with", "") if store_index.entry(asked.get("with", "")) else ""
+    other = query.get("with", "") if store_index.entry(query.get("with", "")) else ""
     key = request.path_params["key"]
-    return plots.Wish(key, variable, columns, other, view, asked.get("start") == "1", asked.get("even") == "1")
+    return plots.Wish(key, variable, columns, other, view, query.get("start") == "1", query.get("even") == "1")
 
 
 def _shown(held, name):
-    """Variable that the page shows: the one asked for, else the first of those that vary along time."""
+    """Variable of {name: Variable} to show: that of the name, else the first plottable, along time if any; or None."""
     plain = [one for one in held.values() if one.plottable and one.name not in one.dims]
     timed = [one for one in plain if one.dims[one.axis].startswith("time")]
     best = [one for one in timed if one.dtype.startswith("float") and one.units != "1"]
@@ -242,7 +242,7 @@ def _shown(held, name):
 
 
 def _filled(template, request, status=200, **content):
-    """Page of a template."""
+    """HTML response of a template, with entries that all pages use."""
     known = {
         "names": {name: one.title for name, one in request.app.state.calibrations.items()},
         "store": str(location.folder()),
@@ -254,7 +254,7 @@ def _filled(template, request, status=200, **content):
 
 
 def _signed(text):
-    """Text with true signs before its numbers, but in powers of ten."""
+    """Text with true minus signs before numbers (not exponents), ± and µ."""
     return re.sub(r"(?<![\w.])-(?=\d)", "−", text.replace("+-", "±").replace(" um", " µm"))
 
 
@@ -273,7 +273,7 @@ TEMPLATES.filters |= {
 
 
 def placed(nodes):
-    """Picture of a chain, stages right of their inputs: "width", "height", "boxes" (x, y, node), "lines" as paths."""
+    """Layout of [Node], px, stages right of their inputs: "width", "height", "boxes" (x, y, Node), "lines" (SVG)."""
     known = {node.key or node.stage: node for node in nodes}
     inputs = {name: [key for key in node.inputs if key in known] for name, node in known.items()}
     depths, columns, places, lines = {}, {}, {}, []

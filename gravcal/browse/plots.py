@@ -45,7 +45,7 @@ THEME = Theme(Path(__file__).with_name("theme.json"))
 
 @dataclass(frozen=True)
 class Wish:
-    """What a figure shows."""
+    """Request for a figure of one variable."""
 
     #: key, variable: product and its variable
     key: str
@@ -70,7 +70,7 @@ class Trace:
 
 
 def chosen(variable, columns=()):
-    """Numbers of the series that are drawn: those wished, else the first ones."""
+    """Indices (at most DRAWN) of the series of a Variable to draw: of columns those that exist, else the first ones."""
     wished = tuple(number for number in columns if 0 <= number < len(variable.columns))
     if wished:
         return wished[:DRAWN]
@@ -79,7 +79,7 @@ def chosen(variable, columns=()):
 
 
 def figure(wish: Wish) -> dict:
-    """Figure with its data, as Bokeh's embed_item takes it, and "said": what stands behind the picture."""
+    """Figure with its data, JSON for Bokeh's embed_item, and "said": text on samples, gaps or method."""
     traces, kind, along, unit = _traces(wish)
     if wish.view == "spectrum":
         seconds = kind == "time" or along.endswith("(s)")
@@ -94,8 +94,8 @@ def figure(wish: Wish) -> dict:
         drawn.yaxis.axis_label = f"{wish.variable} (GPS time)" if values == "time" else label
         views = [series.view(one.whole) for one in traces]
         curves = [(_drawn(x + one.shift, kind), _drawn(y, one.kind)) for one, (x, y) in zip(traces, views, strict=True)]
-        ends = [_drawn(one.whole.x[[0, -1]] + one.shift, kind) for one in traces] or [(0.0, 1.0)]
-        low, high = np.min(ends), np.max(ends)
+        extents = [_drawn(one.whole.x[[0, -1]] + one.shift, kind) for one in traces] or [(0.0, 1.0)]
+        low, high = np.min(extents), np.max(extents)
         drawn.x_range.update(start=low, end=high, reset_start=low, reset_end=high)
         said = "The two products do not overlap. Count both from their start, or choose another."
     if wish.view != "spectrum" and traces:
@@ -113,7 +113,7 @@ def figure(wish: Wish) -> dict:
 
 
 def data(wish: Wish, start: float, stop: float) -> dict[str, dict[str, str]]:
-    """Data of the lines of a figure between two places of its axis: little-endian doubles as base64, by name."""
+    """{"line-k": {"x", "y"}} of a figure between two coordinates as drawn: little-endian doubles as base64."""
     traces, kind, _, _ = _traces(wish)
     bounds = [(_undrawn(start, kind) - one.shift, _undrawn(stop, kind) - one.shift) for one in traces]
     views = [series.view(one.whole, *bound) for one, bound in zip(traces, bounds, strict=True)]
@@ -137,8 +137,8 @@ def table(wish: Wish, start=None, stop=None) -> str:
     heads = ("series", *(("GPS time (s)", "calendar (GPS)") if kind == "time" else (along,)), unit)
     heads += (f"{wish.variable}, calendar (GPS)",) * timed
     for one in traces:
-        ends = [None if place is None else _undrawn(place, kind) - one.shift for place in (start, stop)]
-        x, y = series.samples(one.whole, *ends, most=MANY // 4)
+        bounds = [None if place is None else _undrawn(place, kind) - one.shift for place in (start, stop)]
+        x, y = series.samples(one.whole, *bounds, most=MANY // 4)
         stamps = [(t, gps_text(t, 3)) if kind == "time" else (t,) for t in (x + one.shift).tolist()]
         values = [(t, gps_text(t, 3) if np.isfinite(t) else "") if timed else (t,) for t in y.tolist()]
         rows += [(one.label, *stamp, *value) for stamp, value in zip(stamps, values, strict=True)]
@@ -146,7 +146,7 @@ def table(wish: Wish, start=None, stop=None) -> str:
 
 
 def _traces(wish):
-    """Lines of a figure; kind and label of the axis along; unit."""
+    """([Trace], kind of the x axis ("time", "value", "index"), its label, "variable (unit)") of a figure."""
     wish = replace(wish, without_gaps=False) if wish.view == "spectrum" else wish
     own, variable = _asked(wish.key, wish.variable)
     coordinate, kind, label = _along(own, variable, wish)
@@ -168,7 +168,7 @@ def _traces(wish):
 
 
 def _asked(key, name):
-    """Path of a product and its variable."""
+    """(path, Variable) of a product (key) and variable (name); `Missing` if it cannot be plotted."""
     entry = store_index.entry(key)
     variable = series.listed(entry.ref.path).get(name) if entry else None
     if variable is None or not variable.plottable:
@@ -177,14 +177,14 @@ def _asked(key, name):
 
 
 def _along(path, variable, wish):
-    """Name of the coordinate that a figure runs along, its kind and its label."""
+    """(name of the coordinate of the x axis, "" for sample numbers; its kind; its label)."""
     if wish.without_gaps:
         return "", "index", f"{variable.dims[variable.axis]} (number of the sample, gaps left out)"
     return series.coordinate(path, variable)
 
 
 def _trace(path, variable, number, product, wish):
-    """One line of one product."""
+    """Trace of series ``number`` of a variable; product: 0, or 1 for the second one of a Wish."""
     coordinate, _, _ = _along(path, variable, wish)
     whole = series.series(path, variable.name, number, coordinate)
     name, origin = variable.columns[number] or variable.name, store_index.origin(path)
@@ -195,7 +195,7 @@ def _trace(path, variable, number, product, wish):
 
 
 def _empty(kind, along, values="value"):
-    """Figure without lines; a cross-hair shows values."""
+    """Bokeh figure without lines; kinds of its x and y axis; hovering shows values."""
     axes = {"time": {"x_axis_type": "datetime"}, "log": {"x_axis_type": "log", "y_axis_type": "log"}}.get(kind, {})
     ranges = {} if kind == "log" else {"x_range": Range1d()}
     axes |= {"y_axis_type": "datetime"} if values == "time" else {}
@@ -209,38 +209,38 @@ def _empty(kind, along, values="value"):
 
 
 def _drawn(x, kind):
-    """Coordinate as the axis draws it: milliseconds for time."""
+    """Coordinate as drawn: GPS s become ms past 1970-01-01 for kind "time", others stay."""
     return (x + series.UNIX_OF_EPOCH_S) * 1e3 if kind == "time" else x
 
 
 def _undrawn(x, kind):
-    """Coordinate of a place on the axis."""
+    """Coordinate from a position on the axis, inverse of `_drawn`."""
     return x / 1e3 - series.UNIX_OF_EPOCH_S if kind == "time" else x
 
 
 def over_years(calibration, satellite: str) -> dict | None:
-    """Panels over time of one satellite, as Bokeh's embed_item takes them; None where there is no result."""
-    own = [point for point in timeline.points(calibration) if point.satellite == satellite]
-    if not own:
+    """Panels over time of the results of one satellite, JSON for Bokeh's embed_item; None without results."""
+    ours = [point for point in timeline.points(calibration) if point.satellite == satellite]
+    if not ours:
         return None
-    points, orders = [*own, *timeline.printed_points(calibration, satellite)], timeline.levels(calibration)
+    points, printed_levels = [*ours, *timeline.printed_points(calibration, satellite)], timeline.levels(calibration)
     trims = timeline.trims(satellite) if calibration.trims else []
-    panels = list(dict.fromkeys((point.panel, point.unit) for point in own))
+    panels = list(dict.fromkeys((point.panel, point.unit) for point in ours))
     drawn, axes = [], {"x_axis_type": "datetime"}
     for panel, unit in panels:
         last = (panel, unit) == panels[-1]
-        scale = "log" if panel in orders else "linear"
+        scale = "log" if panel in printed_levels else "linear"
         one = bokeh_figure(height=190 if last else 160, y_axis_type=scale, **TOOLS, **axes)
         one.yaxis.axis_label, one.xaxis.visible = f"{panel}\n({unit})", last
         one.add_tools(TapTool(callback=OpenURL(url="/event/@event", same_tab=True)))
         axes = {"x_range": one.x_range, "x_axis_type": "datetime"}
-        here = [point for point in points if point.panel == panel]
-        frame = pd.DataFrame([asdict(point) for point in here])
+        of_panel = [point for point in points if point.panel == panel]
+        frame = pd.DataFrame([asdict(point) for point in of_panel])
         spread = frame["sigma"].astype(float).fillna(0.0)
         frame["low"], frame["high"] = frame["value"] - spread, frame["value"] + spread
-        frame["told"] = [rounded(point.value, point.sigma).replace("+-", "±") for point in here]
-        frame["printed"] = ["printed" if point.mood == "printed" else "" for point in here]
-        frame[["colour", "marker", "size", "filled"]] = [MOODS[point.mood] for point in here]
+        frame["told"] = [rounded(point.value, point.sigma).replace("+-", "±") for point in of_panel]
+        frame["printed"] = ["printed" if point.mood == "printed" else "" for point in of_panel]
+        frame[["colour", "marker", "size", "filled"]] = [MOODS[point.mood] for point in of_panel]
         source = ColumnDataSource(frame.to_dict("list"))
         one.segment("date", "low", "date", "high", source=source, color="colour", line_width=1.6)
         look = {"marker": "marker", "size": "size", "line_color": "colour", "fill_color": "filled"}
@@ -248,14 +248,14 @@ def over_years(calibration, satellite: str) -> dict | None:
         tips = [("@printed", "@event"), ("", "@date{%F}"), ("value", "@told"), ("", "@said")]
         one.add_tools(HoverTool(renderers=[marks], tooltips=tips, formatters={"@date": "datetime"}))
         for trim in (trim for trim in trims if trim.axis == panel):
-            when = datetime.datetime.combine(trim.date, datetime.time(), datetime.UTC).timestamp() * 1e3
+            trim_ms = datetime.datetime.combine(trim.date, datetime.time(), datetime.UTC).timestamp() * 1e3
             dash = "dashed" if trim.confirmed else "dotted"  # where the printed series does not confirm it
-            one.add_layout(Span(location=when, dimension="height", line_color=GREY, line_dash=dash))
+            one.add_layout(Span(location=trim_ms, dimension="height", line_color=GREY, line_dash=dash))
             text = f" trim {trim.trim_um:+.0f} µm"
-            one.add_layout(Label(x=when, y=4, y_units="screen", text=text, text_color=GREY))
-        if panel in orders:
-            level, text = orders[panel]
-            one.y_range = Range1d(level / 5, 5 * max([level, *(point.value for point in own if point.panel == panel)]))
+            one.add_layout(Label(x=trim_ms, y=4, y_units="screen", text=text, text_color=GREY))
+        if panel in printed_levels:
+            level, text = printed_levels[panel]
+            one.y_range = Range1d(level / 5, 5 * max([level, *(point.value for point in ours if point.panel == panel)]))
             one.add_layout(Span(location=level, dimension="width", line_color="#0072B2", line_dash="dashed"))
             one.add_layout(Label(x=4, x_units="screen", y=level, y_offset=3, text=text, text_color="#0072B2"))
         drawn.append(one)

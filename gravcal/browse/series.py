@@ -1,4 +1,4 @@
-"""What a product file holds, and one column of it at the resolution of the screen; files are opened to read only.
+"""Variables of a product file, and series of them reduced to the resolution of the screen; files are only read.
 
 A column is read once and kept as long as it is looked at. Every peak of the data is drawn: a pixel shows the range of
 all samples it stands for. Gaps stay gaps.
@@ -27,7 +27,7 @@ SHOWN = 400  # values of a small variable that a table shows, and series of a la
 
 
 class Missing(LookupError):
-    """What cannot be shown: a product or variable that is not there, or more samples than a table holds."""
+    """Raised for what cannot be shown: an unknown product or variable, or more samples than a table holds."""
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class Variable:
 
     @property
     def plottable(self) -> bool:
-        """Whether it has numbers along an axis."""
+        """True if it has more than one number along an axis."""
         return self.axis is not None and self.dtype != "text" and self.shape[self.axis] > 1
 
     @property
@@ -60,7 +60,7 @@ class Variable:
 
 @functools.lru_cache(maxsize=256)
 def listed(path: Path) -> dict[str, Variable]:
-    """Variables of a product by name, coordinates first; it never changes, so they are read once."""
+    """{name: Variable} of a product file, coordinates first; it never changes, so they are read once."""
     with product.opened(path) as file:
         names = sorted(file.variables, key=lambda name: (name not in file.dimensions, name))
         return {name: _variable(file, name) for name in names}
@@ -68,7 +68,7 @@ def listed(path: Path) -> dict[str, Variable]:
 
 @functools.lru_cache(maxsize=1024)
 def is_time(path: Path, name: str) -> bool:
-    """Whether a variable holds GPS seconds: its unit says so, or is s with values that no length of time has."""
+    """True if a variable holds GPS seconds: by its unit, or in s with values over FIRST_EPOCH_S."""
     variable = listed(path)[name]
     if variable.units != "s" or not (variable.dtype.startswith("float") or name == "gps_time"):
         return variable.units == TIME_UNITS
@@ -78,9 +78,9 @@ def is_time(path: Path, name: str) -> bool:
 
 
 def coordinate(path, variable):
-    """Name of what a plot of a variable runs along, "" where only the number of the sample is known; kind and label.
+    """(name, kind, label) of the coordinate that a variable is plotted against; name "" for the sample number.
 
-    The kind is "time", "value" or "index".
+    Kind: "time" (GPS s), "value", or "index" (number of the sample).
     """
     name = variable.dims[variable.axis]
     axis = listed(path).get(name)
@@ -102,7 +102,7 @@ def read(path: Path, name: str, number: int = 0) -> np.ndarray:
 
 
 def table(path, variable):
-    """First values of a small variable as rows: names of its indices, text, calendar form of GPS seconds or ""."""
+    """[(labels of the indices, value as text, calendar form if GPS seconds else "")] of the first SHOWN values."""
     with product.opened(path) as file:
         values = np.asarray(file.variables[variable.name][...])
         labels = [_labels(file, name, size) for name, size in zip(variable.dims, variable.shape, strict=True)]
@@ -112,7 +112,7 @@ def table(path, variable):
 
 
 def _variable(file, name):
-    """Record of one variable of an open file."""
+    """Variable of that name in an open netCDF4 file."""
     node = file.variables[name]
     dims, shape = tuple(node.dimensions), tuple(int(size) for size in node.shape)
     times = [number for number, one in enumerate(dims) if one == "time" or one.startswith("time_")]
@@ -129,7 +129,7 @@ def _variable(file, name):
 
 
 def _labels(file, dimension, size):
-    """First names along a dimension: those of a coordinate of text, xyz, or numbers."""
+    """Labels (at most SHOWN, or of a text coordinate all) along a dimension: its texts, x y z, or numbers."""
     node = file.variables.get(dimension)
     if node is not None and _type(node.dtype) == "text":
         return [_text(value) for value in np.asarray(node[...])]
@@ -139,7 +139,7 @@ def _labels(file, dimension, size):
 
 
 def _type(dtype):
-    """Name of a type for people."""
+    """Name of a type, "float64"; "text" for strings."""
     kind = getattr(dtype, "kind", "O")
     return "text" if kind in "OSU" or dtype is str else str(dtype)
 
@@ -162,7 +162,7 @@ def _text(value):
 
 @dataclass(frozen=True, eq=False)
 class Series:
-    """Samples of a column against its coordinate."""
+    """Samples of a series against its coordinate."""
 
     #: x, y: (n,) coordinate, in order, and value
     x: np.ndarray
@@ -170,11 +170,11 @@ class Series:
 
     @functools.cached_property
     def step(self) -> float:
-        """Typical step of the coordinate."""
+        """Median step of the coordinate."""
         return _typical(self.x)
 
     def filled(self) -> float:
-        """Share of the coordinate's span in which samples lie, by the typical step."""
+        """Share (0 to 1) of the coordinate's span covered by samples: their number times the typical step over it."""
         span = self.x[-1] - self.x[0]
         return 1.0 if self.x.size < 4 or span <= 0 else min(1.0, self.x.size * self.step / span)
 
@@ -187,12 +187,12 @@ def series(path: Path, name: str, number: int, along: str) -> Series:
 
 
 def view(whole, start=None, stop=None, bins=BINS):
-    """Points x, y (m,) of a Series to draw between two values of the coordinate, by default all.
+    """Points x, y (m,) to draw of a Series between two values of the coordinate, by default all: `bins` with extremes.
 
     There are at most four for each bin; y is NaN where the line breaks.
     """
-    inside = _inside(whole.x, start, stop)
-    x, y = whole.x[inside], whole.y[inside]
+    part = _inside(whole.x, start, stop)
+    x, y = whole.x[part], whole.y[part]
     if x.size > 2 * bins:  # lowest and highest value of each bin, at its first coordinate; none reaches over a gap
         gaps = np.flatnonzero(np.diff(x) > GAP * whole.step) + 1
         starts = np.linspace(0, x.size, bins, endpoint=False).astype(int)
@@ -221,15 +221,15 @@ def difference(one, other, shift=0.0):
     x, y = x[common], y[common]
     if x.size == u.size and np.allclose(x, u, rtol=0, atol=1e-7):
         return x, y - v
-    near = np.clip(np.searchsorted(u, x), 1, max(u.size - 1, 1))
-    bridged = (u[near] - u[near - 1] > GAP * _typical(u)) if u.size > 1 else np.zeros(x.size, bool)
+    right = np.clip(np.searchsorted(u, x), 1, max(u.size - 1, 1))
+    bridged = (u[right] - u[right - 1] > GAP * _typical(u)) if u.size > 1 else np.zeros(x.size, bool)
     return x, np.where(bridged, np.nan, y - np.interp(x, u, v))
 
 
 def spectrum(whole):
     """Amplitude spectral density of the longest even stretch without gaps (Welch, Hann window, mean and slope removed).
 
-    Frequency (m,), Hz where the coordinate is in seconds; density (m,), unit Hz-1/2; and what was used, in words.
+    Returns frequency (m,), Hz where the coordinate is in seconds; density (m,), unit Hz-1/2; text on the method.
     """
     x, y = whole.x[:LONGEST], whole.y[:LONGEST]
     uneven, known = np.abs(np.diff(x) / _typical(x) - 1) > 0.01, np.isfinite(y)
@@ -249,14 +249,14 @@ def spectrum(whole):
 
 
 def _inside(x, start, stop, more=1):
-    """Samples of a view, with one more at each side so that lines run out of the picture."""
+    """Slice of start <= x <= stop in increasing x (n,), with ``more`` samples at each end: lines leave the view."""
     first = 0 if start is None else max(int(np.searchsorted(x, start)) - more, 0)
     last = x.size if stop is None else min(int(np.searchsorted(x, stop, side="right")) + more, x.size)
     return slice(first, max(last, first))
 
 
 def _typical(x):
-    """Typical step of a coordinate, of some 100,000 at the most; those of zero length do not count."""
+    """Median of the positive steps of a coordinate (n,), from about 100,000 of them at most; inf without."""
     some = np.arange(0, x.size - 1, max(1, x.size // 100_000))
     steps = x[some + 1] - x[some]
     steps = steps[steps > 0]

@@ -1,4 +1,4 @@
-"""What lies in the store, for the pages: nothing is written, set aside or made again by looking."""
+"""Content of the store for the pages, read only: nothing is written, moved to quarantine or made again."""
 
 import functools
 from dataclasses import dataclass
@@ -19,19 +19,19 @@ class Node:
     """One product in the chain of an event, or a stage that failed (then without entry)."""
 
     stage: str
-    key: str
-    state: str
-    entry: object
-    inputs: tuple[str, ...]
+    key: str  #: "" if it failed
+    state: str  #: "made", "reused", "stored" or "failed"
+    entry: object  #: housekeeping.Entry or None
+    inputs: tuple[str, ...]  #: keys
 
 
 def entries() -> list[housekeeping.Entry]:
-    """All products, those replaced by newer ones included, by event, time and stage."""
+    """[Entry] of all products, those replaced by newer ones included, by event, time and stage."""
     return housekeeping.entries(newest_only=False, record_of=_record)
 
 
 def entry(key):
-    """Product with this key, or None; anything that is not a key of the store is None."""
+    """Entry with this key, None if there is none or the text is no key."""
     if not store.KEY.fullmatch(key):
         return None
     folder = store.folder_of(key)
@@ -51,14 +51,14 @@ def file(entry, name):
 
 
 def document(entry):
-    """Result document of a report product, or None."""
+    """Result document (dict) of the Entry of a report, or None."""
     path = file(entry, "result.json")
     return _json(path) if path else None
 
 
 @functools.lru_cache(maxsize=4096)
 def origin(path):
-    """Origin of a product, "" where it says none: a product never changes."""
+    """Origin of a product file (path), "" without one; cached, as a product never changes."""
     try:
         with product.opened(path) as file:
             return str(product.attributes(file).get("origin", ""))
@@ -67,7 +67,7 @@ def origin(path):
 
 
 def results(configuration=location.OPERATIONAL):
-    """Every event with what is known of its result in a configuration, the newest first, as dicts.
+    """[dict] of every event and calibration with its result in a configuration, the newest first.
 
     Keys: event, calibration, state, mood, said, origin, made, products, report (Entry or None), run, document,
     experiments (names of those with products of this event).
@@ -91,7 +91,7 @@ def results(configuration=location.OPERATIONAL):
 
 
 def waiting(rows) -> dict[str, list[str]]:
-    """Events of the catalogue that are in no row of ``results``, by calibration."""
+    """{calibration: [event]} of the events of the catalogue that are in no row of ``results``."""
     here, missing = {row["event"] for row in rows}, {}
     for event in catalog.events():
         if event.name not in here:
@@ -100,16 +100,16 @@ def waiting(rows) -> dict[str, list[str]]:
 
 
 def flows(event, configuration=location.OPERATIONAL) -> list[str]:
-    """Flows that were run for an event, the last first."""
+    """Names of the flows that were run for an event, the last first."""
     runs = [run for run in history.runs() if (run["event"], run["configuration"]) == (event, configuration)]
     return [run["flow"] for run in sorted(runs, key=lambda run: run["started"], reverse=True)]
 
 
 def chain(event, configuration=location.OPERATIONAL, flow=None) -> list[Node]:
-    """Stages of an event: the newest product of each, what they were made of, and where the last run failed.
+    """[Node] of the stages of an event: the newest product of each with its inputs, and the stage that failed last.
 
-    Of a flow only those of its last run. An input stands for the newest product of its stage where both hold the same:
-    made again, nothing changed.
+    With a flow only those of its last run. An input is replaced by the newest product of its stage if both have the
+    same content.
     """
     runs = [run for run in history.runs() if (run["event"], run["configuration"]) == (event, configuration)]
     runs = [run for run in runs if flow in (None, run["flow"])]
@@ -135,18 +135,18 @@ def chain(event, configuration=location.OPERATIONAL, flow=None) -> list[Node]:
 
 
 def relatives(entry) -> list[tuple[housekeeping.Entry, list[str]]]:
-    """Other products of the same stage, of this event and of others, with what differs, newest first."""
+    """[(Entry, reasons)] of other products of the same stage: of this event, then of others; newest first."""
     others = [one for one in entries() if one.ref.stage == entry.ref.stage and one.ref.key != entry.ref.key]
-    own = [one for one in others if one.ref.event == entry.ref.event]
-    strange = [one for one in others if one.ref.event != entry.ref.event and one.newest]
-    rows = [(one, history.why_different(one.ref.key, entry.ref.key) or ["another run"]) for one in own]
-    return rows[::-1] + [(one, [f"event {one.ref.event}"]) for one in strange[::-1]]
+    of_event = [one for one in others if one.ref.event == entry.ref.event]
+    of_others = [one for one in others if one.ref.event != entry.ref.event and one.newest]
+    rows = [(one, history.why_different(one.ref.key, entry.ref.key) or ["another run"]) for one in of_event]
+    return rows[::-1] + [(one, [f"event {one.ref.event}"]) for one in of_others[::-1]]
 
 
 def differing(products) -> dict[str, list[str]]:
-    """Why each product differs from the newest operational one of its stage and event, by key; [] for that itself.
+    """{key: reasons} why products ([Entry]) differ from the newest operational one of stage and event, [] for that.
 
-    Of the last `TRACED` that differ in their inputs: why these differ. Where the stage was never delivered, the model.
+    For the last `TRACED` that differ in inputs: why these differ. Where the stage was never delivered: the model.
     """
     newest = {(one.ref.event, one.ref.stage): one for one in products if one.newest}
     modelled = {one.ref.event for one in products if history.model_of(one.record)}
@@ -156,41 +156,41 @@ def differing(products) -> dict[str, list[str]]:
         if delivered is one:
             continue
         reasons[key] = history.compared(delivered.record, one.record, ("made again",)) if delivered else []
-        unknown = any(why.startswith("input ") for why in reasons[key]) if delivered else one.ref.event in modelled
-        if traced < TRACED and unknown:
+        is_open = any(why.startswith("input ") for why in reasons[key]) if delivered else one.ref.event in modelled
+        if traced < TRACED and is_open:
             reasons[key] = history.why_different(delivered and delivered.ref.key, key) or reasons[key]
             traced += 1
     return reasons
 
 
 def searches(event, configuration=location.OPERATIONAL) -> list[tuple[housekeeping.Entry, dict]]:
-    """Products of discoveries of an event, or of all events of a satellite, with their documents; limits first."""
+    """[(Entry, document)] of discoveries of an event, or of a joint search; those with detection limits first."""
     own = [one for one in entries() if one.ref.event == event and configuration in one.configurations]
     pairs = [(one, _json(path)) for one in own for name in SEARCHES if (path := file(one, name))]
     return sorted(pairs, key=lambda pair: "limits" not in pair[1])
 
 
 def proposed() -> list[dict]:
-    """Documents of the designs that `gravcal design` left in this store, the last day first."""
+    """[document] of the designs that `gravcal design` wrote into this store, the last day first."""
     designs = [_json(path) for path in (location.folder() / "designs").glob("*.json")]
     return sorted((one for one in designs if one), key=lambda one: one["date"], reverse=True)
 
 
 def siblings(entry):
-    """Newest products of the same kind and event with another variant."""
+    """[Entry] of the newest products of the same kind and event with another variant."""
     same = [one for one in entries() if (one.ref.event, one.ref.kind) == (entry.ref.event, entry.ref.kind)]
     return [one for one in same if one.newest and one.ref.variant != entry.ref.variant]
 
 
 def _record(folder):
-    """Record of a product folder whose file is there, or None."""
+    """Record (cached) of a product folder, None if that or product.nc is missing."""
     if folder not in _known and (record := store.read_record(folder)):
         _known[folder] = record
     return _known.get(folder) if (folder / "product.nc").is_file() else None
 
 
 def _inside(path):
-    """Whether a path, links followed, is a file of the store."""
+    """True if a path, links followed, is a file in the objects of the store."""
     try:
         return path.is_file() and path.resolve().is_relative_to((location.folder() / "objects").resolve())
     except OSError:
@@ -198,7 +198,7 @@ def _inside(path):
 
 
 def _result(event, calibration, own, runs):
-    """Row of one event and calibration."""
+    """Row as of `results` of one event and calibration; own: [Entry] of the event, runs {(event, flow): record}."""
     own = [one for one in own if one.ref.kind.startswith(f"{calibration}.") or one.ref.kind == "ingest"]
     report = next((one for one in own if one.ref.stage == f"{calibration}.report"), None)
     run = runs.get((event, calibration))
@@ -210,12 +210,12 @@ def _result(event, calibration, own, runs):
     else:  # a verdict is good, bad, or says nothing of the kind: accuracy, consistency, and the requirement
         verdict, state = body.get("verdict") or {}, str(body.get("status", "")).replace("_", " ")
         marks = [verdict.get(name) for name in ("accuracy_met", "consistent")]
-        bad = state == "questionable" or False in marks or "exceeds" in (verdict.get("requirement") or ())
-        mood = "plain" if state not in WITH_RESULT else "bad" if bad else "good" if True in marks else "plain"
+        is_bad = state == "questionable" or False in marks or "exceeds" in (verdict.get("requirement") or ())
+        mood = "plain" if state not in WITH_RESULT else "bad" if is_bad else "good" if True in marks else "plain"
         said = verdict.get("text", "")
-    together = [path for one in own if (path := file(one, "joint.json"))]
-    if together and not report:
-        state, said = "all events", _json(together[-1])["verdict"]["text"]
+    joint_files = [path for one in own if (path := file(one, "joint.json"))]
+    if joint_files and not report:
+        state, said = "all events", _json(joint_files[-1])["verdict"]["text"]
     made_of = [one for one in own if one.ref.kind != "ingest"] or own  # files may have been read for others only
     stated = body["origin"] if body and "origin" in body else origins_together(origin(one.ref.path) for one in made_of)
     made = max([one.record["made"] for one in own] + ([run["started"]] if run else []), default="")

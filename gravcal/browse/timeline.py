@@ -18,21 +18,21 @@ CATALOGUE = (
 
 @dataclass(frozen=True)
 class Point:
-    """One value with its error: ours or printed."""
+    """One value with its error: a result of this store, or a printed value."""
 
-    satellite: str
-    panel: str
+    satellite: str  #: letter or letters
+    panel: str  #: name of the quantity, "x"
     unit: str
     date: datetime.datetime
     value: float
-    sigma: float | None
+    sigma: float | None  #: total where known, else by noise
     event: str
-    mood: str
-    said: str
+    mood: str  #: key of `plots.MOODS`: verdict, origin or "printed"
+    said: str  #: verdict, or source of a printed value
 
 
 def points(calibration) -> list[Point]:
-    """Values of all reports of a calibration."""
+    """[Point] of all reports of a calibration with a result, by date."""
     ours = []
     for row, one in _values(calibration):
         mood = "questionable" if row["document"]["status"] == "questionable" else row["mood"]
@@ -44,22 +44,22 @@ def points(calibration) -> list[Point]:
 
 
 def _values(calibration):
-    """Rows of events of a calibration with a result, each with every value of it that is determined."""
+    """(row of `store_index.results`, `results.Value`) of every determined value of a calibration."""
     for row in store_index.results():
         if row["calibration"] == calibration.name and (row["document"] or {}).get("status") in WITH_RESULT:
             yield from ((row, one) for one in calibration.result(row["document"]) if one.value is not None)
 
 
 def delivered(calibrations, link) -> list[dict]:
-    """Catalogue of results: every value of the operational configuration, `CATALOGUE` by name.
+    """[dict with the keys `CATALOGUE`] of every delivered value of the operational configuration.
 
     Calibrations are {name: record}; ``link(entry, name)`` is the address of a file of a product.
     """
     rows = []
     for row, one in (pair for calibration in calibrations.values() for pair in _values(calibration)):
         files = {"report": "report.html", "document": "result.json", "product": "product.nc"}
-        there = {"product.nc", *row["report"].record["files"]}
-        links = {kind: link(row["report"], name) if name in there else "" for kind, name in files.items()}
+        files_there = {"product.nc", *row["report"].record["files"]}
+        links = {kind: link(row["report"], name) if name in files_there else "" for kind, name in files.items()}
         where = (row["event"], row["calibration"], one.satellite or letters_of(row["event"]))
         when = _date(row["document"], row["event"]).date().isoformat()
         what = (one.name, one.value, one.sigma, one.sigma_total, one.unit, row["said"], *links.values())
@@ -68,12 +68,12 @@ def delivered(calibrations, link) -> list[dict]:
 
 
 def csv_of(rows) -> str:
-    """Rows of `delivered` as CSV with a line of names; what is not known is empty."""
+    """CSV text of the rows of `delivered` with a header line; None is an empty cell."""
     return csv_text(CATALOGUE, ([row[name] for name in CATALOGUE] for row in rows))
 
 
 def printed_points(calibration, satellite: str) -> list[Point]:
-    """Printed values of the catalogue, in the units of ours."""
+    """[Point] of the published values of a calibration for a satellite (letter), in the units of our results."""
     try:
         name = catalog.satellite(satellite).name
     except CatalogError:
@@ -93,7 +93,7 @@ def printed_points(calibration, satellite: str) -> list[Point]:
 
 
 def levels(calibration) -> dict[str, tuple[float, str]]:
-    """Printed orders of magnitude without a date: value and text by panel."""
+    """{panel: (value m s-2, label)} of printed orders of magnitude without a date."""
     if not calibration.levels:
         return {}
     known = {one.name: one.value[0] for one in catalog.published(calibration.name)["scalars"]}
@@ -102,7 +102,7 @@ def levels(calibration) -> dict[str, tuple[float, str]]:
 
 
 def trims(satellite: str):
-    """Mass trims of the catalogue for one satellite, () where it knows none."""
+    """(catalog.Trim, ...) of one satellite, () for an unknown one."""
     try:
         return catalog.trims(satellite)
     except CatalogError:
@@ -110,7 +110,7 @@ def trims(satellite: str):
 
 
 def letters_of(event):
-    """Letters of the satellites in the name of an event; a satellite named in full gives its own."""
+    """Letters of the satellites from the name of an event: "C" of grace-c-2020-02-01, "CD" of grace-cd-..."""
     parts = event.split("-")
     known = (catalog.satellite(name) for name in catalog.names("satellites"))
     own = [one.letter for one in known if event.startswith(f"{one.name}-")]
@@ -118,7 +118,7 @@ def letters_of(event):
 
 
 def _date(document, event):
-    """Date of a result: that of its first manoeuvre, else that in the event's name."""
+    """Date of a result document: of its first manoeuvre, else in the event's name, else 2000-01-01."""
     starts = [one["start"] for one in document.get("manoeuvres") or [] if one.get("start") is not None]
     if starts:
         return EPOCH + datetime.timedelta(seconds=min(starts))

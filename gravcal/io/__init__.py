@@ -1,1 +1,1 @@
-"""Level-1 files, archives, downloads and gravity fields: reading and writing what others made."""
+"""Reading and writing files: Level-1 data, archives, downloads, gravity fields, sequence of events."""

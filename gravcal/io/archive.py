@@ -1,6 +1,6 @@
 """Level-1 files in a folder: loose, compressed, or members of the daily archives, read without extracting.
 
-What is packed is read as a stream and refused once it exceeds a limit: ``GRAVCAL_UNPACKED_LIMIT`` is that of one file
+Compressed data are read as a stream and refused once they exceed a limit: ``GRAVCAL_UNPACKED_LIMIT``, of one file
 in MB (default 256; ACC1A of a day has 100). An archive may hold 16 times as much in all, and 10,000 members.
 """
 
@@ -49,7 +49,7 @@ DAMAGED = (OSError, RuntimeError, KeyError, ValueError, TypeError)
 PACKED_DAMAGED = (EOFError, OSError, zlib.error, tarfile.TarError)
 FETCH_AGAIN = "Fetch the file again from the official archive."
 REMEDY = "Fetch the file again from the official archive, or raise GRAVCAL_UNPACKED_LIMIT (MB) if it is genuine."
-_listed = {}  # folder -> its files as of `_listing`, and what tells that it changed
+_listed = {}  # folder -> (files as of `_listing`, {folder or archive: size and time of change} when it was listed)
 
 
 @dataclass(frozen=True)
@@ -58,10 +58,10 @@ class LevelOneFile:
 
     path: Path
     member: str | None
-    product: str
-    satellite: str
-    date: str
-    release: str
+    product: str  #: such as "KBR1B"
+    satellite: str  #: letter
+    date: str  #: YYYY-MM-DD
+    release: str  #: such as "04"
 
     @property
     def name(self) -> str:
@@ -70,7 +70,7 @@ class LevelOneFile:
 
     @property
     def where(self) -> str:
-        """How messages call this file."""
+        """Text for messages: path, or "path:member"."""
         return f"{self.path}:{self.member}" if self.member else str(self.path)
 
 
@@ -80,7 +80,7 @@ def is_archive(path) -> bool:
 
 
 def from_name(path, member=None) -> LevelOneFile | None:
-    """The Level-1 file a name stands for, None where it is none (reports, AppleDouble members, others)."""
+    """LevelOneFile from the name of a file or member, None for any other name (reports, AppleDouble members)."""
     path = Path(path)
     parts = NAME.fullmatch(PurePosixPath(member).name if member else path.name)
     if not parts:
@@ -106,7 +106,7 @@ def content(file: LevelOneFile) -> bytes:
 
 
 def _member(file):
-    """Bytes of a member of an archive."""
+    """Bytes, as stored, of the member of an archive that a LevelOneFile names; refused if there is none."""
     with opened(file.path) as tar:
         for item in members(tar, file.path):
             if item.name == file.member:
@@ -115,7 +115,7 @@ def _member(file):
 
 
 def _safe(path, item):
-    """Member of an archive, refused if its name leads elsewhere or it is no regular file."""
+    """Member ``item`` (TarInfo) itself, refused if its name leaves the folder or a Level-1 name is no regular file."""
     parts = PurePosixPath(item.name.replace("\\", "/"))
     if parts.is_absolute() or ".." in parts.parts:
         refuse(f"{path}:{item.name}", "a path that leaves the folder", "a path inside the archive", FETCH_AGAIN)
@@ -125,7 +125,7 @@ def _safe(path, item):
 
 
 @lru_cache(maxsize=64)
-def _members(path, size, changed_ns):  # noqa: ARG001 - the last two make the cache honest
+def _members(path, size, changed_ns):  # noqa: ARG001 - the last two: key of the cache
     try:
         with opened(path) as tar:
             return tuple(_safe(path, item).name for item in members(tar, path) if not item.isdir())
@@ -140,12 +140,12 @@ def file_digest(path, member=None) -> str:
     a moment ago may change again within one tick of that clock: it is not remembered yet.
     """
     status = path.stat()
-    place = os.path.abspath(path)  # noqa: PTH100 - resolve() would follow links
-    stamp = [place, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
-    name = "file-" + hashlib.sha256(place.encode()).hexdigest()[:32]
-    known = location.recall(name)
-    is_known = isinstance(known, dict) and known.get("seen") == stamp and isinstance(known.get("digests"), dict)
-    digests = known["digests"] if is_known else {}
+    absolute = os.path.abspath(path)  # noqa: PTH100 - resolve() would follow links
+    stamp = [absolute, status.st_size, status.st_mtime_ns, status.st_ctime_ns, status.st_ino]
+    name = "file-" + hashlib.sha256(absolute.encode()).hexdigest()[:32]
+    cached = location.recall(name)
+    is_cached = isinstance(cached, dict) and cached.get("seen") == stamp and isinstance(cached.get("digests"), dict)
+    digests = cached["digests"] if is_cached else {}
     if (member or "") not in digests:
         if member:
             with opened(path) as tar:
@@ -179,7 +179,7 @@ def state_of(folder) -> str | None:
 
 
 def _listing(folder):
-    """Files of a folder by (product, satellite, date), by preference; again when a folder or archive in it changed."""
+    """{(product, satellite, date): [LevelOneFile] by preference} below a folder; cached until that changes."""
     folder = Path(folder)
     known, stamps = _listed.pop(folder, ({}, {}))
     if stamps and stamps == {path: _stamp(path) for path in stamps}:
@@ -214,19 +214,19 @@ def _stamp(path):
 
 
 def _preference(file):
-    """Order of files: by kind, newest release first, loose before archived, binary before text."""
+    """Sort key of a LevelOneFile: product, date, satellite, then newest release, loose, binary first."""
     form = FORMS.index(NAME.fullmatch(file.name)["form"])
     kind = (file.product, file.date, file.satellite)
     return (*kind, -int(file.release), bool(file.member), form, file.name.endswith(".gz"), file.where)
 
 
 def find(folder, product, satellite, date) -> LevelOneFile | None:
-    """The file of exactly this product, satellite letter and day: newest release, loose before archived; or None."""
+    """LevelOneFile of exactly this product, satellite letter and day: newest release, loose first; or None."""
     return next(iter(_listing(folder).get((product, satellite, str(date)), ())), None)
 
 
 def limit() -> int:
-    """Bytes that one file may unpack to."""
+    """Most bytes to which one file may be unpacked: GRAVCAL_UNPACKED_LIMIT."""
     setting = os.environ.get("GRAVCAL_UNPACKED_LIMIT", "256")
     try:
         most = int(float(setting) * MEGABYTE)
@@ -237,31 +237,31 @@ def limit() -> int:
     return most
 
 
-def _too_large(where, what):
+def _too_large(where, what):  # raises: ``what`` of a file has more bytes than `limit`
     refuse(where, f"more than {limit() / MEGABYTE:g} MB of {what}", "less", REMEDY)
 
 
 class _Bounded:
-    """Readable stream that refuses to go beyond what an archive may unpack to."""
+    """Readable stream of an archive that refuses to pass the limits of one file and of the whole archive."""
 
-    def __init__(self, stream, where):
+    def __init__(self, stream, where):  # binary stream; path for messages
         self._stream, self._where = stream, where
         self._most, self._end = limit(), IN_ARCHIVE * limit()
         self.tell = stream.tell
 
     def read(self, size=-1):
-        """Bytes, not more at once than one file may have: names and comments of members are read whole."""
+        """Bytes; refuses sizes over the limit of a file or unlimited, as tarfile reads member names whole."""
         if size is None or size < 0 or size > self._most:
             _too_large(self._where, "one member")
         self._check(self.tell() + size)
         return self._stream.read(size)
 
     def seek(self, offset, whence=0):
-        """Go on to a place given from the start."""
+        """Set the position, bytes from the start; refused beyond the limit of an archive."""
         self._check(offset)
         return self._stream.seek(offset, whence)
 
-    def _check(self, place):
+    def _check(self, place):  # raises if a position in bytes is beyond the limit of an archive
         if place > self._end + tarfile.RECORDSIZE:
             refuse(self._where, f"more than {self._end / MEGABYTE:g} MB in an archive", "less", REMEDY)
 
@@ -292,7 +292,7 @@ def members(tar, path):
 
 
 def check_netcdf(path) -> None:
-    """Refuse a netCDF-4 file whose variables declare more than the limit, or lie in another file; OSError if none."""
+    """Refuse a netCDF-4 file whose variables declare more than the limit, or lie in another file; OSError: no HDF5."""
     import h5py
 
     total = 0
@@ -307,32 +307,32 @@ def check_netcdf(path) -> None:
 
 
 def origin_of_header(text: str) -> str:
-    """Origin by the text of a header, YAML or 80 columns, or by attributes as "name: value" lines."""
+    """Origin, SIMULATED or MEASURED, by the text of a header: YAML, 80 columns, or "name: value" lines."""
     return SIMULATED if SAYS.search(text) else MEASURED
 
 
 def origin_of(file: LevelOneFile) -> str:
-    """Origin of a Level-1 file; "" of what holds no records, such as a gravity field."""
+    """Origin, SIMULATED or MEASURED, of a Level-1 file; "" of a file without records, such as a gravity field."""
     if file.member:
         return origin_of_header(_cut(content(file)))
     return origin_of_header(_header(file.path)) if file.name.endswith(".nc") or LEVEL_ONE.fullmatch(file.name) else ""
 
 
 def origin_below(folder, date: str | None) -> str:
-    """Origin of the Level-1 files below a folder, loose and in archives, of one day or of all."""
-    origins, wanted = [], lambda name: LEVEL_ONE.fullmatch(PurePosixPath(name).name) and (date or "") in name
+    """Origin (also "mixed") of the Level-1 files below a folder, loose and in archives, of one day or (None) of all."""
+    origins, is_wanted = [], lambda name: LEVEL_ONE.fullmatch(PurePosixPath(name).name) and (date or "") in name
     for path in Path(folder).rglob("*"):
-        if wanted(path.name):
+        if is_wanted(path.name):
             origins.append(origin_of_header(_header(path)))
         elif is_archive(path) and (date in (days := DAY.findall(path.name)) or not (date and days)):
             with contextlib.suppress(GravcalError, *PACKED_DAMAGED), opened(path) as tar:
-                files = (item for item in members(tar, path) if item.isfile() and wanted(item.name))
+                files = (item for item in members(tar, path) if item.isfile() and is_wanted(item.name))
                 origins.extend(origin_of_header(_head(tar.extractfile(item), item.name)) for item in files)
     return origins_together(origins) or MEASURED
 
 
 def check_own(folder) -> None:
-    """Raise if a folder holds data that gravcal did not simulate: nothing invented is written beside them."""
+    """Raise if a folder holds data that gravcal did not simulate: simulated files are never written next to them."""
     folder = Path(folder)
     for path in sorted(folder.rglob("*")):
         is_data = LEVEL_ONE.fullmatch(path.name) or is_archive(path)
@@ -343,7 +343,7 @@ def check_own(folder) -> None:
 
 
 def _header(path):
-    """Text of the header of a file, "" where it cannot be read; its own reader refuses it."""
+    """Header text of a loose file, attributes of netCDF as lines; "" if unreadable, which its reader reports."""
     try:
         if path.suffix == ".nc":
             with product.opened(path) as file:
@@ -355,11 +355,11 @@ def _header(path):
 
 
 def _head(stream, name):
-    """Text of the header of an open file, which may be packed."""
+    """Header text of an open file; name: ends with ".gz" if it is compressed."""
     return _cut((gzip.GzipFile(fileobj=stream) if name.endswith(".gz") else stream).read(HEAD))
 
 
-def _cut(data):
+def _cut(data):  # header text at the start of bytes, "" if its end is not within `HEAD`
     text = data[:HEAD].decode("latin-1")
     end = END.search(text)
     return text[: end.start()] if end else ""

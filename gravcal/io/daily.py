@@ -1,7 +1,7 @@
 """Daily netCDF files in layouts of our own (formats.md, section 6), for missions without public data.
 
 IS1, ATT and ORB are voltages, attitude and orbit of an inertial sensor. SGRS holds readings of one or two test masses
-with attitude and orbit; its file of truth is the same without noise, with the drag beside it. Times are GPS seconds
+with attitude and orbit; its file of truth holds these without noise, and the drag. Times are GPS seconds
 past 2000-01-01 12:00:00.
 """
 
@@ -20,10 +20,10 @@ from gravcal.io.archive import LevelOneFile
 from gravcal.store import product
 
 EPOCH = datetime(2000, 1, 1, 12)
-MARGIN = 120.0  # s that a file may begin before its day
+MARGIN = 120.0  # s by which a file may begin before its day
 WIDTHS = {"axis": 3, "element": 4}
 SENSORS = (1, 2)
-BEYOND = {"position": 1e9, "velocity": 1e5}  # m, m s-1: rows of SGRS with more are missing, no orbit round the Earth
+BEYOND = {"position": 1e9, "velocity": 1e5}  # m, m s-1: larger values in SGRS become NaN, as no orbit of the Earth
 REPAIR = "Write the file by formats.md, section 6."
 NAME = re.compile(
     r"(?P<product>IS1|ATT|ORB|SGRS)_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>[ST])_(?P<release>\d{2})\.nc"
@@ -39,7 +39,7 @@ INERTIAL = ("IS1", "ATT", "ORB")
 
 
 def inventory(folder) -> list[LevelOneFile]:
-    """Files of a folder and its subfolders, by product and day; newest release only."""
+    """[LevelOneFile] of a folder and its subfolders, sorted by product and day; newest release only."""
     folder = Path(folder)
     if not folder.is_dir():
         refuse(folder, "no folder", "a folder with daily netCDF files", "Check --data.")
@@ -50,7 +50,7 @@ def inventory(folder) -> list[LevelOneFile]:
 
 
 def days(folder, wanted: str | None = None) -> dict[str, dict[str, LevelOneFile]]:
-    """Files of an inertial sensor, {date: {"IS1", "ATT", "ORB"}}, of one day or all; one that lacks is an error."""
+    """{date: {"IS1", "ATT", "ORB": LevelOneFile}} of an inertial sensor, of one day or all; refused if one lacks."""
     by_day: dict = {}
     for one in inventory(folder):
         if wanted in (None, one.date) and one.product in INERTIAL:
@@ -76,12 +76,12 @@ def sgrs_file(folder, wanted: str | None = None) -> LevelOneFile:
 
 
 def other_file(path, kind: str, day: str) -> LevelOneFile:
-    """A gravity field ("GFC") or a truth ("TRUTH") as a file that a stage can read, used for a day YYYY-MM-DD."""
+    """LevelOneFile of a gravity field (kind "GFC") or truth ("TRUTH"), as input of a stage for a day YYYY-MM-DD."""
     return LevelOneFile(Path(path), None, kind, "S", day, "01")
 
 
 def read(file: LevelOneFile, start: float | None = None, stop: float | None = None) -> dict[str, np.ndarray]:
-    """Epochs and values of one file of an inertial sensor, or of a part of it between two epochs in s.
+    """Epochs and values of one file of an inertial sensor, or of start <= time < stop (GPS s) in it.
 
     {"time" (n,) s; IS1: "volts" (n, 6) V; ATT: "quaternion" (n, 4); ORB: "position" m, "velocity" m s-1}
     """
@@ -94,7 +94,7 @@ def read(file: LevelOneFile, start: float | None = None, stop: float | None = No
 
 
 def loaders(files: Sequence[LevelOneFile]) -> list[tuple[Callable, ...]]:
-    """Functions that read sensor, tracker and orbit of each day, without arguments; files in any order."""
+    """[(read IS1, read ATT, read ORB)] of each day, functions without arguments that return the dict of `read`."""
     by_day: dict = {}
     for one in files:
         by_day.setdefault(one.date, {})[one.product] = functools.partial(read, one)
@@ -102,9 +102,9 @@ def loaders(files: Sequence[LevelOneFile]) -> list[tuple[Callable, ...]]:
 
 
 def between(files: Sequence[LevelOneFile]) -> list[Callable]:
-    """Functions (start, stop) that read sensor, tracker and orbit between two epochs, across midnight."""
+    """[IS1, ATT, ORB]: functions (start, stop in GPS s) -> dict of `read` between two epochs, also across midnight."""
 
-    def read_part(name, start, stop):
+    def read_part(name, start, stop):  # dict of `read` of a product ("IS1" ...), all days joined
         own = sorted((one for one in files if one.product == name), key=lambda one: one.date)
         parts = [read(one, start, stop) for one in own]
         return {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
@@ -113,7 +113,7 @@ def between(files: Sequence[LevelOneFile]) -> list[Callable]:
 
 
 def read_sgrs(file: LevelOneFile, truth: bool = False):
-    """Content of an SGRS file, checked, as a Dataset "ingest"; of a file of truth with the drag."""
+    """Dataset "ingest" of an SGRS file, checked; with the variable of the drag if it is a file of truth."""
     layout = LAYOUTS["SGRS"] | (LAYOUTS["DRAG"] if truth else {})
     time, values = _records(file, layout)
     for name, limit in BEYOND.items():
@@ -122,7 +122,7 @@ def read_sgrs(file: LevelOneFile, truth: bool = False):
 
 
 def sensor_positions(file: LevelOneFile) -> np.ndarray:
-    """Places of the test masses of an SGRS file, (1 or 2, 3) m, without reading the rest."""
+    """Positions of the test masses in an SGRS file, (1 or 2, 3) m, without reading the rest."""
     try:
         with product.opened(file.path) as content:
             return np.asarray(content["sensor_position"][...], dtype=float)
@@ -131,9 +131,9 @@ def sensor_positions(file: LevelOneFile) -> np.ndarray:
 
 
 def _records(file, layout, start=None, stop=None):
-    """Epochs (n,) s, increasing, and {name: array} of a file between two epochs, in order and checked by its layout.
+    """(epochs (n,) GPS s, increasing; {name: array}) of a file between two epochs, checked by its layout.
 
-    ProductError where it is no netCDF file, a variable or unit is missing or wrong, or the day is another one.
+    ProductError if it is no netCDF file, a variable or unit is missing or wrong, or the day is not that of its name.
     """
     try:
         archive.check_netcdf(file.path)
@@ -162,13 +162,13 @@ def _records(file, layout, start=None, stop=None):
     return time[part], values
 
 
-def _part(time, start, stop):
+def _part(time, start, stop):  # slice of increasing epochs with start <= time < stop, None: without bound
     first = 0 if start is None else int(np.searchsorted(time, start))
     return slice(first, time.size if stop is None else int(np.searchsorted(time, stop)))
 
 
 def _check(content, layout, file):
-    """Refuse variables that are missing, or of another unit or shape than the layout says."""
+    """Refuse netCDF variables (content) that are missing, or of another unit or shape than the layout states."""
     if "time" not in content:
         refuse(file.path, "no variable time", "time in GPS seconds", REPAIR)
     sizes = WIDTHS | {"time": content["time"].shape[0]}
@@ -188,26 +188,26 @@ def _check(content, layout, file):
 
 
 def in_order(time: np.ndarray, values: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Epochs (m,) s, strictly increasing, and {name: (m, ...)} of records in any order.
+    """(epochs (m,) s, strictly increasing; {name: (m, ...)}) of records (n,) in any order.
 
     Those without a time are left out; of a repeated one the first is kept, NaN where the others contradict it.
     """
-    known = np.flatnonzero(np.isfinite(time))
-    order = known[np.argsort(time[known], kind="stable")]
-    new = np.append(True, np.diff(time[order]) > 0)[: order.size]
-    place = np.cumsum(new) - 1
+    finite = np.flatnonzero(np.isfinite(time))
+    order = finite[np.argsort(time[finite], kind="stable")]
+    is_first = np.append(True, np.diff(time[order]) > 0)[: order.size]
+    epoch_index = np.cumsum(is_first) - 1
     ordered = {}
     for name, column in values.items():
-        every = np.array(column, dtype=float)[order]
-        kept = every[new]
-        differs = ~np.isclose(every, kept[place], rtol=0, atol=0, equal_nan=True)
-        kept[place[differs.any(axis=tuple(range(1, differs.ndim)))]] = np.nan
+        in_time = np.array(column, dtype=float)[order]
+        kept = in_time[is_first]
+        differs = ~np.isclose(in_time, kept[epoch_index], rtol=0, atol=0, equal_nan=True)
+        kept[epoch_index[differs.any(axis=tuple(range(1, differs.ndim)))]] = np.nan
         ordered[name] = kept
-    return time[order][new], ordered
+    return time[order][is_first], ordered
 
 
 def _dataset(time, values, layout, attributes):
-    """Dataset of epochs (n,) s and values by name, with units and meanings."""
+    """Dataset of epochs (n,) GPS s and values {name: array}, with the units and meanings of a layout."""
     import xarray as xr
 
     data = {
@@ -219,14 +219,14 @@ def _dataset(time, values, layout, attributes):
 
 
 def _write(path, time, values, layout, attributes):
-    """Write a file that says that it is simulated; reading gives the same numbers."""
+    """Write a netCDF file labelled as simulated; returns its Path; reading gives the same numbers."""
     Path(path).parent.mkdir(parents=True, exist_ok=True)
     product.write(product.settled(_dataset(time, values, layout, attributes | archive.LABELS)), Path(path))
     return Path(path)
 
 
 def write(folder, name: str, record: Mapping[str, np.ndarray]) -> list[Path]:
-    """Files of a record as `read` returns it, one a day (UTC of the GPS time scale)."""
+    """Write a record, a dict as of `read`, into one file for each day of the GPS time scale; returns their Paths."""
     time = np.asarray(record["time"], dtype=float)
     columns = record
     if name == "IS1":

@@ -36,7 +36,7 @@ MISSIONS = {"A": "grace", "B": "grace", "X": "grace", "C": "gracefo", "D": "grac
 RELEASES = {"grace": "02", "gracefo": "04"}
 RANGING_LASER = ("LRI1A", "LRI1B", "LLK1A", "LLK1B", "LHK1A", "LHK1B", "LLT1A", "LSM1A", "LSM1B")
 TRANSPLANTS = ("ACH1A", "ACH1B")
-PARTS = ("noLRI", "LRI", "ACX", "ACX2", "MAG", "SOE")  # of what `of_day` finds
+PARTS = ("noLRI", "LRI", "ACX", "ACX2", "MAG", "SOE")  # kinds of archives that `of_day` knows
 MAGNETOMETER = "0201"  # release of GFZ's calibration
 CDF = (b"\xcd\xf3\x00\x01", b"\xcd\xf2\x60\x02")  # first bytes of a CDF, version 3 and 2.6
 EARTHDATA = ("https", "urs.earthdata.nasa.gov", 443)  # scheme, host, port: what credentials belong to
@@ -47,13 +47,13 @@ LOGIN = (
     "also takes EARTHDATA_USERNAME and EARTHDATA_PASSWORD, or EARTHDATA_TOKEN; other servers take "
     "GRAVCAL_FETCH_USERNAME and GRAVCAL_FETCH_PASSWORD), or use --from isdc, which asks for none."
 )
-UNCHECKED = ("MAG", "SOE")  # levels whose files show no damage by themselves: they are not resumed in another run
+UNCHECKED = ("MAG", "SOE")  # levels whose files have no checksum of their own: not resumed in another run
 WHOLE_ATTEMPTS = 3  # whole transfers that may arrive with wrong bytes
-CHUNK = 1 << 16
+CHUNK = 1 << 16  # bytes read at once
 REDIRECTS = 10  # Earthdata needs four
 TEXT_LIMIT = 1 << 16  # bytes of a checksum file
 SIZE_LIMIT = 1 << 34  # bytes; the largest archive of a day has less than 1e9
-AGAIN = (408, 425, 429, 500, 502, 503, 504)
+AGAIN = (408, 425, 429, 500, 502, 503, 504)  # HTTP statuses after which a request is repeated
 
 
 @dataclass(frozen=True)
@@ -61,15 +61,15 @@ class Archive:
     """One daily archive; ``digests`` are pairs of member name and SHA-256 that the catalogue knows."""
 
     mission: str
-    level: str
+    level: str  #: "1A", "1B", "MAG" or "SOE"
     date: datetime.date
     release: str
-    part: str = "noLRI"
+    part: str = "noLRI"  #: of GRACE-FO as of `PARTS`; of MAG the number of the satellite
     digests: tuple[tuple[str, str], ...] = ()
 
     @property
     def layout(self) -> dict:
-        """Name, folders and source of its kind of files, of `archives.toml`, filled in."""
+        """{key: text} of its kind in `archives.toml`, filled in: "file" name, folder by archive, source ("read")."""
         kind = f"{self.mission}-{self.level}"
         words = {name: getattr(self, name) for name in ("level", "date", "release", "part")}
         words |= {"day": f"{self.date:%Y%m%d}", "year": self.date.year}
@@ -83,30 +83,30 @@ class Archive:
 
 @dataclass(frozen=True)
 class Fetched:
-    """One archive in the folder: whether it came now ("fetched") or was there, and by what it was checked."""
+    """One archive in the folder, and the checks that it passed."""
 
     path: Path
-    state: str
-    checked: str
-    size: int
+    state: str  #: "fetched" or "there"
+    checked: str  #: "md5", "md5 and sha256", "compression only" ...
+    size: int  #: bytes
 
 
 @dataclass(frozen=True)
 class Patience:
-    """How long a server is waited for; an attempt that brought 1 % more bytes starts the count anew."""
+    """Retries and time limits of a transfer; an attempt that brought 1 % more bytes starts the count anew."""
 
-    attempts: int = 6
+    attempts: int = 6  # in a row without progress
     wait_s: float = 1.0  # first pause, doubled each time
     longest_wait_s: float = 60.0
-    connect_s: float = 8.0
+    connect_s: float = 8.0  # limit to connect
     stall_s: float = 60.0  # without any byte
     tell: Callable | None = None  #: function of a line, called before every pause; or None
 
 
 class Interrupted(Exception):
-    """A transfer that may go better the next time."""
+    """A failed transfer that is worth repeating, after ``pause_s`` at least."""
 
-    def __init__(self, reason, pause_s=0.0):
+    def __init__(self, reason, pause_s=0.0):  # pause that the server asks for
         super().__init__(reason)
         self.pause_s = pause_s
 
@@ -116,7 +116,7 @@ class Missing(Exception):
 
 
 def of_event(event):
-    """Archives that hold the Level-1 files of an event of the catalogue."""
+    """[Archive] that hold the Level-1 files of an Event of the catalogue, with the known SHA-256 of these."""
     if not event.raw_files:
         files, remedy = f"no Level-1 files (date {event.date or 'unknown'})", "Name a day with --satellite and --date."
         refuse(f"event {event.name}", files, "a date and products", remedy, CatalogError)
@@ -130,7 +130,7 @@ def of_event(event):
 
 
 def of_day(satellite, date, parts=("noLRI",), release=None):
-    """Archives of one day of a satellite or pair by letter.
+    """[Archive] of one day (date) of a satellite or pair, by its letters.
 
     Parts of GRACE-FO: "noLRI" and "LRI" (Levels 1A and 1B), transplants "ACX" and "ACX2" (Level 1B), "MAG" (GFZ's
     calibrated magnetometer); of both missions "SOE" (sequence of events). GRACE has Level 1B without parts.
@@ -151,7 +151,7 @@ def of_day(satellite, date, parts=("noLRI",), release=None):
     return bundle
 
 
-def _mission(letter):
+def _mission(letter):  # "grace" or "gracefo" of a satellite; refused for others
     if letter not in MISSIONS:
         remedy = "Get its files from its operator."
         refuse(f"satellite {letter}", "no public archive", "one of A, B, C, D", remedy, CatalogError)
@@ -159,7 +159,7 @@ def _mission(letter):
 
 
 def addresses(archive, place):
-    """Addresses where an archive may be, the most likely first.
+    """[URL] where an archive may be, the most likely first.
 
     The place is "podaac", "isdc", or a server with the layout of one of them, or with one folder for all.
     """
@@ -173,30 +173,30 @@ def addresses(archive, place):
 
 
 def checksum_addresses(url):
-    """Addresses where the MD5 of an archive may be; PO.DAAC keeps it in its public store, which asks for no login."""
+    """[URL] where the MD5 of an archive (URL) may be; PO.DAAC keeps it in its public store, which needs no login."""
     stem = re.sub(r"\.(tgz|tar\.gz)$", "", url)
     public = [f"{url}.md5".replace(PROTECTED, PUBLIC)] if PROTECTED in url else []
     return [*public, f"{url}.md5", f"{url}.checksum", f"{stem}.checksum", f"{stem}.md5"]
 
 
 def fetch(archives, out, place, listener=None, patience=None):
-    """Bring archives into a folder, and nothing outside of it; one that fails stops no other.
+    """[Fetched] of archives downloaded into the folder ``out``, and nowhere else; one that fails stops no other.
 
-    The place is "podaac", "isdc" or the address of a server with the same layout; the listener hears of archive name,
-    bytes there, bytes in all (None: unknown). Raises ProductError for the first archive that could not be had, after
+    The place is "podaac", "isdc" or the address of a server with the same layout; the listener is called with archive
+    name, bytes there, bytes in all (None: unknown). Raises the error of the first archive that failed, after
     all were tried, CatalogError for a place that is no known name and no address of http(s), or one with a password.
     """
-    parts = urlsplit(PLACES.get(place, place))
-    if parts.scheme not in ("http", "https") or not parts.hostname:
+    address = urlsplit(PLACES.get(place, place))
+    if address.scheme not in ("http", "https") or not address.hostname:
         refuse(place, "no archive of this name", "podaac, isdc, or http(s)://...", "Give one.", CatalogError)
-    if parts.username or parts.password:
+    if address.username or address.password:
         remedy = "Put it into your netrc file; an address ends up in logs and in the shell's history."
-        refuse(parts.hostname, "a login in the address", "none", remedy, CatalogError)
+        refuse(address.hostname, "a login in the address", "none", remedy, CatalogError)
     try:
         out.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         refuse(out, error.strerror, "a folder that can be written", "Name another folder with --out.")
-    fetched, failed = [], []
+    fetched, errors = [], []
     with Session() as session:
         session.max_redirects = REDIRECTS
         for archive in archives:
@@ -204,19 +204,19 @@ def fetch(archives, out, place, listener=None, patience=None):
             try:
                 fetched.append(_one(session, archive, out, place, patience or Patience(), progress))
             except GravcalError as error:
-                failed.append(error)
-    if failed:
-        raise failed[0]
+                errors.append(error)
+    if errors:
+        raise errors[0]
     return fetched
 
 
 def _one(session, archive, out, place, patience, progress):
-    """Bring one archive, unless it is there; from one address after the other, again if its bytes are wrong."""
+    """Fetched: one archive, downloaded unless there, from one URL after the other, again if its bytes are wrong."""
     path, part = out / archive.name, out / f".{archive.name}.part"
-    beside = path.with_name(f"{path.name}.md5")
+    checksum_file = path.with_name(f"{path.name}.md5")
     if path.is_file():
         with contextlib.suppress(ProductError):
-            digest = _md5_of(beside.read_text(), archive.name) if beside.is_file() else None
+            digest = _md5_of(checksum_file.read_text(), archive.name) if checksum_file.is_file() else None
             return Fetched(path, "there", _check(archive, path, digest), path.stat().st_size)
     if archive.level in UNCHECKED or part.is_symlink():  # somebody else's link is not followed
         part.unlink(missing_ok=True)
@@ -234,9 +234,9 @@ def _one(session, archive, out, place, patience, progress):
                     continue
                 with part.open("rb") as stream:
                     os.fsync(stream.fileno())
-                beside.unlink(missing_ok=True)
+                checksum_file.unlink(missing_ok=True)
                 if digest:
-                    beside.write_text(f"{digest}  {path.name}\n")
+                    checksum_file.write_text(f"{digest}  {path.name}\n")
                 part.replace(path)
                 return Fetched(path, "fetched", checked, path.stat().st_size)
             except Missing:
@@ -248,10 +248,10 @@ def _one(session, archive, out, place, patience, progress):
 
 
 def _published_md5(session, url, name, patience):
-    """MD5 that the archive publishes, or None."""
+    """MD5 (32 hexadecimal digits) that the server publishes for the archive at url, or None."""
     for address in checksum_addresses(url):
 
-        def attempt(address=address):
+        def attempt(address=address):  # text of the checksum file
             with _ask(session, address, {}, patience) as response:
                 return b"".join(_chunks(response, patience, TEXT_LIMIT)).decode(errors="replace")
 
@@ -268,54 +268,54 @@ def _published_md5(session, url, name, patience):
 
 
 def _md5_of(text, name):
-    """MD5 of a file in a list of checksums, or alone in the text; None if there is none."""
+    """MD5 of the file ``name`` in a text of checksums, or the only one of a line; None if there is none."""
     lines = [line for line in text.splitlines() if re.search(r"\b[0-9a-fA-F]{32}\b", line)]
     named = [line for line in lines if name in line] or [line for line in lines if len(line.split()) == 1]
     return re.search(r"\b[0-9a-fA-F]{32}\b", named[0])[0].lower() if named else None
 
 
 def _check(archive, path, digest):
-    """What a file was checked by; raises for another MD5, a web page, a damaged archive, a foreign member."""
+    """Text of the checks that a file passed, "md5 and sha256"; raises for a wrong digest, web page, damaged archive."""
     with path.open("rb") as stream:
         md5 = hashlib.file_digest(stream, lambda: hashlib.md5(usedforsecurity=False)).hexdigest()
         stream.seek(0)
-        start = stream.read(512)
+        first_bytes = stream.read(512)
     remedy = "Try again later, or name another archive with --from."
     if digest and md5 != digest:
         refuse(archive.name, f"MD5 {md5}", f"{digest}, as the archive publishes", remedy)
-    expected, fits = "a tar archive", start[:2] == b"\x1f\x8b"
+    expected, fits = "a tar archive", first_bytes[:2] == b"\x1f\x8b"
     if archive.level == "MAG":
-        expected, fits = "a CDF file", start[:4] in CDF
+        expected, fits = "a CDF file", first_bytes[:4] in CDF
     elif archive.level == "SOE":
-        expected, fits = "lines of events", re.match(rb"(#.*\n|\s)*(x\s+)?[-+.0-9eE]+\s+GRACE", start) is not None
+        expected, fits = "lines of events", re.match(rb"(#.*\n|\s)*(x\s+)?[-+.0-9eE]+\s+GRACE", first_bytes) is not None
     if not fits:
         refuse(archive.name, "something else, perhaps a web page", expected, f"Check your login. {remedy}")
     if archive.level in UNCHECKED:
         return "md5" if digest else f"first bytes: {expected}"
     if digest and not archive.digests:
         return "md5"
-    wanted, came = dict(archive.digests), {}
+    wanted, digests = dict(archive.digests), {}
     try:  # reading to the end checks the compression
         with opened(path) as packed:
             for item in members(packed, path):
                 bare = PurePosixPath(item.name).name
                 if item.isfile() and bare in wanted:
-                    came[bare] = hashlib.file_digest(packed.extractfile(item), "sha256").hexdigest()
+                    digests[bare] = hashlib.file_digest(packed.extractfile(item), "sha256").hexdigest()
     except (EOFError, OSError, zlib.error, tarfile.TarError) as reason:
         refuse(archive.name, f"a damaged archive ({reason})", "a whole one", "Fetch it again.")
     for name, expected in wanted.items():
-        if came.get(name) != expected:
+        if digests.get(name) != expected:
             known = f"{expected}, as catalogued"
-            refuse(archive.name, f"{name} with SHA-256 {came.get(name)}", known, remedy)
+            refuse(archive.name, f"{name} with SHA-256 {digests.get(name)}", known, remedy)
     return " and ".join(["md5"] * bool(digest) + ["sha256"] * bool(wanted)) or "compression only"
 
 
 def _download(session, url, part, patience, listener):
-    """Bring a file, from where an earlier attempt broke off; that both parts are of one file its check shows."""
+    """Download url into ``part``, resuming an earlier attempt; `_check` shows whether both parts are of one file."""
 
-    def attempt():
-        have = _size(part)
-        headers = {"Range": f"bytes={have}-"} if have else {}
+    def attempt():  # raises Interrupted unless ``part`` is complete
+        present = _size(part)
+        headers = {"Range": f"bytes={present}-"} if present else {}
         with _ask(session, url, headers, patience) as response:
             if response.status_code == 416:
                 part.unlink()
@@ -326,10 +326,10 @@ def _download(session, url, part, patience, listener):
             else:
                 extent = response.headers.get("Content-Range", "").strip()
                 span = re.fullmatch(r"bytes (\d+)-\d+/(\d+|\*)", extent)
-                if not span or int(span[1]) != have:
+                if not span or int(span[1]) != present:
                     part.unlink()
                     raise Interrupted("the server sent another part than was asked for")
-                start, total = have, None if span[2] == "*" else int(span[2])
+                start, total = present, None if span[2] == "*" else int(span[2])
             descriptor = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_NOFOLLOW, 0o666)
             with os.fdopen(descriptor, "wb") as stream:
                 stream.truncate(start)
@@ -345,44 +345,44 @@ def _download(session, url, part, patience, listener):
 
 
 def _persistently(attempt, url, patience, progress):
-    """Result of an attempt, repeated while it is interrupted."""
-    failed, best = 0, max(progress(), 1)
+    """Result of ``attempt()``, repeated while it raises Interrupted; ``progress()``: bytes so far."""
+    count, furthest = 0, max(progress(), 1)
     while True:
         try:
             return attempt()
         except Interrupted as stop:
             reached = progress()
-            failed = 0 if reached > 1.01 * best else failed + 1
-            best = max(best, reached)
-            if failed >= patience.attempts:
+            count = 0 if reached > 1.01 * furthest else count + 1
+            furthest = max(furthest, reached)
+            if count >= patience.attempts:
                 remedy = "Run the command again later, it goes on where it stopped; or name another with --from."
-                refuse(shown(url), f"that {stop}, {failed} times in a row", "the whole file", remedy, attempts=failed)
-            pause = min(max(stop.pause_s, patience.wait_s * 2**failed), patience.longest_wait_s)
+                refuse(shown(url), f"that {stop}, {count} times in a row", "the whole file", remedy, attempts=count)
+            pause = min(max(stop.pause_s, patience.wait_s * 2**count), patience.longest_wait_s)
             if patience.tell:
-                patience.tell(f"{shown(url)}: {stop}; attempt {failed + 1} of {patience.attempts} in {pause:.0f} s")
+                patience.tell(f"{shown(url)}: {stop}; attempt {count + 1} of {patience.attempts} in {pause:.0f} s")
             time.sleep(pause)
 
 
 class Session(requests.Session):
-    """Session that keeps the cookies of a login, and gives each host that it is led to the login of that host only."""
+    """Session with the cookies of a login; each host of a redirect gets only its own credentials."""
 
     asked = ""  # address from which redirects lead on
 
     def rebuild_auth(self, prepared_request, response):
-        """Login for the address of a redirect, which stays encrypted if it was and carries no login itself."""
-        here, to = response.url, prepared_request.url
+        """Set the credentials of a redirect's address; refused if it leaves https or contains a login itself."""
+        source, target = response.url, prepared_request.url
         prepared_request.headers.pop("Authorization", None)
-        parts = urlsplit(to)
-        opened = here.startswith("https:") and parts.scheme == "http" and not is_loopback(parts.hostname)
-        if parts.scheme not in ("http", "https") or opened or "@" in parts.netloc:
-            redirect = f"that it redirects to {shown(to)}"
-            refuse(shown(here), redirect, "a secure address", "Name another archive.")
-        if login := authorization(to, self.asked):
+        parts = urlsplit(target)
+        unencrypted = source.startswith("https:") and parts.scheme == "http" and not is_loopback(parts.hostname)
+        if parts.scheme not in ("http", "https") or unencrypted or "@" in parts.netloc:
+            redirect = f"that it redirects to {shown(target)}"
+            refuse(shown(source), redirect, "a secure address", "Name another archive.")
+        if login := authorization(target, self.asked):
             prepared_request.headers["Authorization"] = login
 
 
 def _ask(session, url, headers, patience):
-    """Answer of a server that has the file; its errors without the address, which may be signed."""
+    """Response 200, 206 or 416 to GET; else Missing, Interrupted or refused, without the query, which may be signed."""
     session.asked, login = url, authorization(url, url)
     headers = {"Accept-Encoding": "identity", **headers} | ({"Authorization": login} if login else {})
     limits, failed = (patience.connect_s, patience.stall_s), None
@@ -415,14 +415,14 @@ def _ask(session, url, headers, patience):
 
 
 def _chunks(response, patience, limit):
-    """Bytes as they come; a line that is silent ends with Interrupted."""
+    """Pieces (bytes) of a response as they arrive, ``limit`` in all; Interrupted if the connection stalls or breaks."""
     total = 0
     while True:
         try:
             chunk = response.raw.read1(CHUNK, decode_content=False)
         except (urllib3.exceptions.HTTPError, OSError) as error:
-            stalled = isinstance(error, urllib3.exceptions.ReadTimeoutError | TimeoutError)
-            reason = f"nothing came for {patience.stall_s:g} s" if stalled else "the connection broke off"
+            is_stall = isinstance(error, urllib3.exceptions.ReadTimeoutError | TimeoutError)
+            reason = f"nothing came for {patience.stall_s:g} s" if is_stall else "the connection broke off"
             raise Interrupted(reason) from None
         if not chunk:
             return
@@ -432,7 +432,7 @@ def _chunks(response, patience, limit):
         yield chunk
 
 
-def _size(part):
+def _size(part):  # bytes of a file, 0 without
     return part.stat().st_size if part.exists() else 0
 
 
@@ -443,7 +443,7 @@ def shown(url):
 
 
 def origin(url):
-    """Scheme, host and port of an address: what credentials belong to."""
+    """(scheme, host, port) of a URL: the server that credentials belong to."""
     parts = urlsplit(url)
     return parts.scheme, parts.hostname or "", parts.port or PORTS.get(parts.scheme, 0)
 
@@ -454,20 +454,20 @@ def authorization(url, start):
     Credentials travel encrypted, or stay on this machine. An entry of netrc without a port holds for the server that
     was asked for and for the usual port of https; a redirect to another port of a host gets nothing.
     """
-    here, asked = origin(url), origin(start)
-    if here[0] != "https" and not is_loopback(here[1]):
+    server, asked = origin(url), origin(start)
+    if server[0] != "https" and not is_loopback(server[1]):
         return None
     token = os.environ.get("EARTHDATA_TOKEN")
-    if token and here == TOKENS:
+    if token and server == TOKENS:
         return f"Bearer {token}"
-    prefix = "EARTHDATA" if here == EARTHDATA else "GRAVCAL_FETCH" if here == asked and here != TOKENS else None
-    pair = tuple(os.environ.get(f"{prefix}_{name}") for name in ("USERNAME", "PASSWORD"))
-    pair = pair if prefix and all(pair) else _from_netrc(here, asked)
-    return pair and "Basic " + base64.b64encode(":".join(pair).encode()).decode()
+    prefix = "EARTHDATA" if server == EARTHDATA else "GRAVCAL_FETCH" if server == asked and server != TOKENS else None
+    login = tuple(os.environ.get(f"{prefix}_{name}") for name in ("USERNAME", "PASSWORD"))
+    login = login if prefix and all(login) else _from_netrc(server, asked)
+    return login and "Basic " + base64.b64encode(":".join(login).encode()).decode()
 
 
 def is_loopback(host: str | None) -> bool:
-    """Whether an address can be reached from this machine only."""
+    """True if a host, name or IP address, is this machine itself."""
     try:
         return ipaddress.ip_address((host or "").strip("[]")).is_loopback
     except ValueError:
@@ -475,7 +475,7 @@ def is_loopback(host: str | None) -> bool:
 
 
 def _from_netrc(here, asked):
-    """Name and password from the netrc file; its default entry belongs to no host and is not used."""
+    """(name, password) of a server (scheme, host, port) in the netrc file, or None; its default entry is not used."""
     path = Path(os.environ.get("NETRC") or "~/.netrc").expanduser()
     try:
         hosts = netrc.netrc(path).hosts

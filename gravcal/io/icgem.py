@@ -1,4 +1,4 @@
-"""Gravity fields in the ICGEM format (.gfc), and the one that ships with the package.
+"""Gravity fields in the ICGEM format (.gfc), and GGM05S, which ships with the package.
 
 Format: Barthelmes and Foerste 2011, The ICGEM-format. Time-variable models are taken at their reference epoch: the
 static part of a `gfct` line is used, trends and periodic terms (`trnd`, `dot`, `acos`, `asin`) are left out.
@@ -23,7 +23,7 @@ def shipped() -> Path:
 
 
 def located(name: str) -> Path:
-    """Path of a field by name: a file of one's own, or "GGM05S", the one that ships."""
+    """Path of a gravity field: of a .gfc file, or of the one that ships by its name "GGM05S"."""
     path = shipped() if name in (SHIPPED, Path(SHIPPED).stem) else Path(name).expanduser()
     if not path.is_file():
         refuse(f"gravity field {name}", "no such file", "a .gfc file, or GGM05S", "Give the path of the file.")
@@ -31,12 +31,12 @@ def located(name: str) -> Path:
 
 
 def read_field(path: Path, highest: int | None = None) -> Field:
-    """Field from a .gfc file, fully normalised, up to its own or another highest degree."""
+    """Field, fully normalised, from a .gfc file, up to its highest degree or, if lower, to ``highest``."""
     path = Path(path)
     lines = path.read_text(encoding="latin-1").splitlines()
     head, first = _head(lines, path)
     degree = head["degree"] if highest is None else min(highest, head["degree"])
-    parts = np.zeros((4, degree + 1, degree + 1))
+    coefficients = np.zeros((4, degree + 1, degree + 1))
     listed = np.zeros((degree + 1, degree + 1), dtype=bool)
     for number, line in enumerate(lines[first:], first + 1):
         words = line.split()
@@ -50,19 +50,19 @@ def read_field(path: Path, highest: int | None = None) -> Field:
             refuse(where, f"degree {n}, order {m}", f"0 <= order <= degree <= {head['degree']}", "Repair the line.")
         if n <= degree:
             values = [_number(word, where) for word in words[3:7]]
-            parts[: len(values), n, m] = values
+            coefficients[: len(values), n, m] = values
             listed[n, m] = True
     if not listed[0, 0]:
-        parts[0, 0, 0] = 1.0
+        coefficients[0, 0, 0] = 1.0
     if head["norm"] == "unnormalized":
         n, m = np.arange(degree + 1)[:, None], np.arange(degree + 1)[None, :]
         ratio = gammaln(np.where(m <= n, n - m, 0) + 1) - gammaln(n + m + 1)
-        parts = parts / np.where(m <= n, np.sqrt((2.0 - (m == 0)) * (2 * n + 1)) * np.exp(ratio / 2), 1.0)
-    return Field(head["gm"], head["radius"], *parts, name=head["name"] or path.stem)
+        coefficients = coefficients / np.where(m <= n, np.sqrt((2.0 - (m == 0)) * (2 * n + 1)) * np.exp(ratio / 2), 1.0)
+    return Field(head["gm"], head["radius"], *coefficients, name=head["name"] or path.stem)
 
 
 def _head(lines, path):
-    """What the head says, and the index of the first line after it."""
+    """({"gm" m3 s-2, "radius" m, "degree", "norm", "name"}, index of the first line after the head)."""
     head = {"norm": "fully_normalized", "name": ""}
     for index, line in enumerate(lines):
         words = line.split()
@@ -81,7 +81,7 @@ def _head(lines, path):
 
 
 def _number(word, where):
-    """Number of a word; Fortran's D is an exponent too."""
+    """Float of a word, whose exponent may be Fortran's D; ``where`` is for the message if it is none."""
     try:
         return float(word.replace("D", "e").replace("d", "e"))
     except ValueError:

@@ -37,7 +37,7 @@ def vector_line(time, satellite, vector_b, name="VCM", comment=""):
 
 
 def commented(line, origin):
-    """A line as a comment, which `read_line` refuses: its values were not measured."""
+    """Line turned into a comment, which `read_line` refuses, for values of an origin other than measured."""
     return f"# {origin.upper()} data, no line for the sequence-of-events file: {line}"
 
 
@@ -54,7 +54,7 @@ class Entry:
 
 @dataclass(frozen=True)
 class Session:
-    """Calibration between its begin and end, GPS seconds; None where the file does not say."""
+    """Calibration session of a satellite from start to stop, GPS seconds; None where the file has no such line."""
 
     calibration: str
     satellite: str
@@ -64,7 +64,7 @@ class Session:
 
 
 def read_line(line):
-    """Entry of a line, None for a deleted line (first field ``x``)."""
+    """Entry of a line, None for a deleted line (first field ``x``); refused if it has another form."""
     fields = line.split(maxsplit=4)
     if fields and fields[0] == "x":
         return None
@@ -96,21 +96,21 @@ def read_sequence(path):
 
 
 def sessions(entries):
-    """Calibrations that the CMCAL and KBRCAL lines of a file bound, those without begin or end among them."""
+    """[Session], by time, between the CMCAL and KBRCAL lines (1 begin, 0 end) of entries; also without begin or end."""
     calibrations, begun = [], {}
     for one in entries:
         if one.name not in CALIBRATIONS or len(one.values) != 1:
             continue
-        at, what = (one.name, one.satellite), (CALIBRATIONS[one.name], one.satellite)
-        if begun.get(at) and one.values[0]:
-            calibrations.append(Session(*what, begun[at].time, None, begun[at].comment))
+        key, whose = (one.name, one.satellite), (CALIBRATIONS[one.name], one.satellite)
+        if begun.get(key) and one.values[0]:
+            calibrations.append(Session(*whose, begun[key].time, None, begun[key].comment))
         if one.values[0]:
-            begun[at] = one
+            begun[key] = one
             continue
-        first = begun.pop(at, None)
-        calibrations.append(Session(*what, first and first.time, one.time, first.comment if first else one.comment))
-    left = [Session(CALIBRATIONS[n], letter, e.time, None, e.comment) for (n, letter), e in begun.items() if e]
-    return sorted(calibrations + left, key=lambda one: (one.start or one.stop, one.satellite))
+        first = begun.pop(key, None)
+        calibrations.append(Session(*whose, first and first.time, one.time, first.comment if first else one.comment))
+    unended = [Session(CALIBRATIONS[n], letter, e.time, None, e.comment) for (n, letter), e in begun.items() if e]
+    return sorted(calibrations + unended, key=lambda one: (one.start or one.stop, one.satellite))
 
 
 def in_force(entries, name, satellite, time):
@@ -142,7 +142,7 @@ def vector_file(name, time, satellite, vector_b, source=""):
 
 
 def _checked(vector, where, shape=(3,)):
-    """Finite floats of the right shape; what was not determined cannot be written here."""
+    """Floats of a shape, a list if that has one dimension, else an array; refused if one is not finite or None."""
     array = np.array([np.nan if item is None else item for item in np.ravel(vector)], dtype=float)
     if array.size != np.prod(shape) or not np.all(np.isfinite(array)):
         numbers = ", ".join(f"{item:g}" for item in array)

@@ -1,6 +1,6 @@
-"""Level-1 ASCII files as the simulator writes them: what ``read`` reads comes back exactly.
+"""Level-1 ASCII files of simulations: ``readers.read`` returns exactly what was written.
 
-Their headers have the real field names, and words that say that the file is simulated.
+Their headers have the real field names, and labels that mark the file as simulated.
 """
 
 import gzip
@@ -70,31 +70,31 @@ def file_name(product: str, date: str, satellite: str, release: str = "04") -> s
 
 
 def _columns(observed, table: Product, satellite, where):
-    """Array of every column the records hold, under the names and axes of the file."""
+    """{column: (n,)} of every column of the records, in order, with names and axes of the file; defaults filled in."""
     arrays = {str(name): np.asarray(observed[name]) for name in observed}
-    held = dict(arrays)
+    values = dict(arrays)
     for af, srf in srf_names(table).items():
-        held.pop(af, None)
+        values.pop(af, None)
         if srf in arrays:
-            held[af] = arrays[srf]
-    n = len(held[table.time[0]])
+            values[af] = arrays[srf]
+    n = len(values[table.time[0]])
     columns = list(table.columns)
     if table.optional:
-        bits = sum(1 << c.bit for c in table.optional if c.name in held)
-        flags = np.unique(held["prod_flag"]) if "prod_flag" in held else np.array([bits])
+        bits = sum(1 << c.bit for c in table.optional if c.name in values)
+        flags = np.unique(values["prod_flag"]) if "prod_flag" in values else np.array([bits])
         if len(flags) > 1:
             refuse(where, f"{len(flags)} values of prod_flag", "records of one layout", "Write each layout by itself.")
         flag = int(flags[0]) if len(flags) else 0
-        held["prod_flag"] = np.full(n, flag)
+        values["prod_flag"] = np.full(n, flag)
         columns += table.following(flag)
-    missing = {c.name: _default(c, table, satellite) for c in columns if c.name not in held}
+    missing = {c.name: _default(c, table, satellite) for c in columns if c.name not in values}
     for name in (name for name, default in missing.items() if default is None):
         refuse(where, f"no values for {name}", f"{n} values", GIVE, column=name)
-    return {c.name: held[c.name] if c.name in held else np.full(n, missing[c.name]) for c in columns}
+    return {c.name: values[c.name] if c.name in values else np.full(n, missing[c.name]) for c in columns}
 
 
 def _default(column, table, satellite):
-    """What a column left out holds, None where that cannot be known."""
+    """Default value of a column that is not supplied, None where there is none."""
     default = column.default
     if column.name == table.id_name:
         default = satellite
@@ -106,7 +106,7 @@ def _default(column, table, satellite):
 
 
 def _records(values, table):
-    """Lines with the blanks of the real files: a wider gap is an empty field."""
+    """Bytes of the record lines from {column: (n,)}; a wider gap between columns is written as empty fields."""
     fields = {}
     for name, array in values.items():
         column = table.column(name)
@@ -118,7 +118,7 @@ def _records(values, table):
     return out.getvalue()
 
 
-def _printable(array, column):
+def _printable(array, column):  # polars Series that prints an array (n,) as the kind of its column
     if column.kind in FLOATS:
         return polars.Series(array.astype(float))
     if column.kind in INTEGERS:
@@ -132,12 +132,12 @@ def _printable(array, column):
 
 
 def header_lines(part, **words):
-    """Lines of a header {label: text}, those of a table of headers.toml with the words filled in."""
+    """{label: text} of a header: the table ``part`` of headers.toml with the words filled in."""
     lines = HEADERS[part].items()
     return {n.format(**words): v.format(by=BY, **words) if isinstance(v, str) else v for n, v in lines}
 
 
-def _yaml(table, ticks, attributes):
+def _yaml(table, ticks, attributes):  # text of the YAML header; ticks (n,) ns past `EPOCH`
     edges = [("start", ticks[0]), ("stop", ticks[-1])] if len(ticks) else []
     attributes |= {f"time_coverage_{edge}": _date(tick).item() for edge, tick in edges} | {"title": table.title}
     others = {"epoch_time": _date(0).item(), "software_version": BY}
@@ -153,11 +153,11 @@ def _yaml(table, ticks, attributes):
     return yaml.safe_dump({"header": header}, sort_keys=False, width=1000) + "# End of YAML header\n"
 
 
-def _date(tick):
+def _date(tick):  # datetime64 of ns past `EPOCH`
     return (EPOCH + np.timedelta64(int(tick), "ns")).astype("datetime64[us]")
 
 
-def _variable(table, column, comment):
+def _variable(table, column, comment):  # {column: attributes} of the YAML header
     flags = (table.flags or {}).get(column.name) or {}
     if column.name == "prod_flag":
         flags = {str(c.bit): c.file_name for c in table.optional}
@@ -177,14 +177,14 @@ def _variable(table, column, comment):
 
 
 def label_header(kind: str, ticks: np.ndarray, size: int, about: Mapping[str, str]) -> str:
-    """80-column header, as of VKB1B.
+    """Text of an 80-column header in the form of VKB1B.
 
     Parameters
     ----------
     kind : type of the file with its number, divided by a colon
     ticks : (n,) ns, times of the records
     size : bytes of the records
-    about : values by label, in place of those that are the same for all
+    about : {label: value} that replace or add to those of every file
     """
     label, _, number = (part.strip() for part in kind.partition(":"))
     edges = [f"{t / 1e9:.6f} ({str(_date(t))[:22].replace('T', ' ')})" for t in (ticks[[0, -1]] if len(ticks) else ())]

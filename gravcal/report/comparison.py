@@ -1,9 +1,9 @@
-"""Two configurations of a calibration beside each other: what each event's numbers and verdicts do when one is changed.
+"""Comparison of two configurations of a calibration: changes of values, verdicts and checks, event by event.
 
 Both solutions are made of the same records, so their errors are not independent. Where one of them is efficient among
 the estimators that both belong to (more data or weights of the true noise used by it), its error is uncorrelated with
 the difference, and var(b - a) = |var(b) - var(a)| (Hausman 1978); errors by noise are taken, what catalogue and priors
-add is common. Where the two variances agree to 1 % nothing can be said of the difference in its own sigma: null.
+add is common. Where the two variances agree to 1 % the sigma of the difference is not known: null.
 """
 
 import itertools
@@ -22,7 +22,7 @@ CLOSE = 0.01  # relative difference of two variances that says nothing: they are
 
 
 def between(calibration, names, wanted=lambda _: True):
-    """Document of a comparison of the reports that the store has of two configurations, of the events wanted."""
+    """Document that compares the stored reports of two configurations (names), of events with ``wanted(event)``."""
     is_plain, sides = not configurations.operational(calibration.name)["settings"], []
     path = lambda one: one.ref.folder / "result.json"  # noqa: E731
     for name in names:
@@ -45,7 +45,7 @@ def between(calibration, names, wanted=lambda _: True):
 
 
 def of_event(calibration, event, first, second, why=()):
-    """What changes in one event between two result documents, and why."""
+    """Entry of one event: status, settings, verdict, checks and values [first, second] that differ, and reasons."""
     own, other = ({one.label: one for one in calibration.result(document)} for document in (first, second))
     labels = [name for name in dict.fromkeys([*own, *other]) if name in own and name in other]
     return {
@@ -61,7 +61,7 @@ def of_event(calibration, event, first, second, why=()):
 
 
 def moved(event):
-    """Values of an event before and by how much the second differs, on one line each."""
+    """["name value unit: difference (in sigma of the first)"] of the determined values in an entry of `of_event`."""
     determined = [one for one in event["values"] if one["difference"] is not None]
     return [
         f"{one['name']} {_pair(one['values'][0], one['sigmas'][0])} {one['unit']}: {one['difference']:+.2g}"
@@ -71,28 +71,28 @@ def moved(event):
 
 
 def difference(first, second):
-    """Difference of two `results.Value`: in the unit, in sigma of the difference and of the first."""
+    """Dict on two `results.Value`: second less first in their unit, over its own sigma, and over that of the first."""
     known = None not in (first.value, second.value)
     moved = second.value - first.value if known else None
-    spread = None
+    sigma = None
     if known and None not in (first.sigma, second.sigma):
         variances = first.sigma**2, second.sigma**2
-        apart = abs(variances[1] - variances[0])
-        spread = math.sqrt(apart) if apart > CLOSE * max(variances) else None
+        variance = abs(variances[1] - variances[0])
+        sigma = math.sqrt(variance) if variance > CLOSE * max(variances) else None
     return {
         "name": first.label,
         "unit": first.unit,
         "values": [first.value, second.value],
         "sigmas": [first.sigma, second.sigma],
         "difference": moved,
-        "sigma": spread,
-        "in_sigma": None if spread is None else moved / spread,
+        "sigma": sigma,
+        "in_sigma": None if sigma is None else moved / sigma,
         "in_sigma_of_first": moved / first.sigma if known and first.sigma else None,
     }
 
 
 def tables(document):
-    """Tables of a comparison: settings, values, and what else changed, (heads, rows) each; no row without a change."""
+    """[(heads, rows)] of a comparison document: settings that differ, values, and all other changes."""
     first, second = document["configurations"]
     heads = ["event", "value", first, second, "difference", "in its sigma", f"in sigma of {first}", "unit"]
     rows, other = [], []
@@ -120,7 +120,7 @@ def tables(document):
 
 
 def page(document):
-    """Page of a comparison."""
+    """HTML page of a comparison document."""
     first, second = document["configurations"]
     captions = ("Settings that differ.", f"Values of {first} and {second} with their errors by noise.", "What changed.")
     shown = [
@@ -137,17 +137,17 @@ def page(document):
 
 
 def _changed(first, second, without=frozenset()):
-    """Entries that differ: {name: [first, second]}."""
+    """{name: [first, second]} of the entries of two dicts (or None) that differ, but those of ``without``."""
     first, second = first or {}, second or {}
     names = sorted((set(first) | set(second)) - without)
     return {n: [first.get(n), second.get(n)] for n in names if first.get(n) != second.get(n)}
 
 
 def _passed(document):
-    """Whether each check of a document passed, by its name."""
+    """{name of check: True if passed} of a result document."""
     return {one["name"]: one["passed"] for one in document.get("checks") or ()}
 
 
 def _pair(value, sigma):
-    """Value with its error."""
+    """Text "value +- sigma", "undetermined" for None."""
     return "undetermined" if value is None else results.rounded(value, sigma)

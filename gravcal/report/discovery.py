@@ -1,4 +1,4 @@
-"""What a discovery delivers: the result document, its verdict in words, the page, and the extended model as a file."""
+"""Report of a discovery: result document with verdict, page, and the extended model as a file."""
 
 import json
 from collections.abc import Iterable, Mapping, Sequence
@@ -22,14 +22,14 @@ from gravcal.report.plain import NOT_DETERMINED, decimals, probability, signed
 from gravcal.store.results import units
 
 WORDS = pages.words(__file__, "discovery.toml", cause=words.title, units=units)
-WIDE = 3.0  # sigma of a result that contradicts nothing
+WIDE = 3.0  # errors within which a result agrees with the known value
 STYLES = WORDS.styles
 LINES, NOISE = STYLES["lines"], STYLES["noise"]
 SIDES = ("measured", "simulated", "extended")
-BINS = 24  # of a spectrum
-PHASES, STRETCHES = 40, 90  # bins of a period, and of a record
-SLOW = 0.02  # of the square of what a finding adds, below which it does not change within a period
-KEPT = 0.5  # of the square of what a finding adds that bins have to keep
+BINS = 24  # frequency bins of a spectrum
+PHASES, STRETCHES = 40, 90  # phase bins of a period, time bins of a record, at most
+SLOW = 0.02  # share of the variance of the effect added, below which it does not change within a period
+KEPT = 0.5  # share of the sum of squares of the effect added that its means over bins have to keep
 
 
 def report(
@@ -37,8 +37,8 @@ def report(
 ) -> tuple[xr.Dataset, dict[str, str]]:
     """Report product of a discovery with the probabilities of adequacy, and its files {name: text}.
 
-    There are the discovery and, if the calibration has such, its combined results before and after, and before with
-    what a given model adds; `reported` says what it tells of its result and readings. Records: digest of the recorded.
+    Datasets: the discovery and, if the calibration has such, its combined results before, after, and before with
+    correction and errors of the initial model; `reported` reads results of these. Records: digest of their product.
     """
     document, outcome = judged(
         search, *combined, calibration=calibration, event=event, settings=settings, reported=reported
@@ -46,10 +46,10 @@ def report(
     files = {"discovery.json": documents.text(document)}
     if outcome and outcome.findings and "model" in settings:  # a calibration that takes one
         change, added = outcome.calibration_change, None
-        spread = change.covariance_of_findings
-        if combined and np.all(np.isfinite(np.array([change.correction, *spread], dtype=float))):
+        covariance = change.covariance_of_findings
+        if combined and np.all(np.isfinite(np.array([change.correction, *covariance], dtype=float))):
             row = {"calibration": calibration, "records": records, "unit": change.unit}
-            added = row | {"correction": change.correction, "covariance": spread}
+            added = row | {"correction": change.correction, "covariance": covariance}
         extended = model_text(outcome.findings, event, settings["model"], added)
         files |= {"model.toml": extended} if extended else {}
     files["discovery.html"] = pages.page(
@@ -65,24 +65,24 @@ def report(
 
 
 def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: str, settings: dict, reported) -> tuple:
-    """Result document of a discovery, judged and valid, and the outcome in it or None; arguments as of `report`.
+    """(result document of a discovery, judged and valid; its Outcome or None without); arguments as of `report`.
 
-    The change of the result is that which the calibration itself finds, where it does; where the result is known
-    beforehand it is compared, and its error may be wider than that.
+    The change of the result is that of the calibration itself where `combined` has it, else of the joint fit; checks
+    compare parameters whose true value is known: they agree within the larger of its limit and `WIDE` sigma.
     """
     outcome, body, checks = outcome_of(search), {}, []
     if outcome:
         joint = change = outcome.calibration_change
         if combined:
             name, old, covariance = reported.result(combined[0])
-            (_, new, other), *modelled = (reported.result(one, name) for one in combined[1:])
-            _, begun, spread = modelled[0] if modelled else (name, old, covariance)
-            correction = begun - old + np.array(joint.correction, dtype=float)
-            more = spread - covariance + np.array(joint.covariance_of_findings, dtype=float)
-            old, new, sigma = begun, new + correction, [np.sqrt(np.diag(c)) for c in (spread, other + more)]
+            (_, new, new_covariance), *modelled = (reported.result(one, name) for one in combined[1:])
+            _, start, spread = modelled[0] if modelled else (name, old, covariance)
+            correction = start - old + np.array(joint.correction, dtype=float)
+            added = spread - covariance + np.array(joint.covariance_of_findings, dtype=float)
+            old, new, sigma = start, new + correction, [np.sqrt(np.diag(c)) for c in (spread, new_covariance + added)]
             own = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1], "change": new - old}
             own |= {"change_in_old_sigma": (new - old) / sigma[0], "correction": correction}
-            own |= {"covariance_of_findings": more}
+            own |= {"covariance_of_findings": added}
             change = replace(joint, variant=name, **plain.as_plain(own))
         rows = change.names, units(change.unit, change.names), change.after, change.sigma_after
         for name, unit, value, sigma in zip(*rows, strict=True):
@@ -100,28 +100,28 @@ def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: s
 
 
 def sections(search: xr.Dataset, outcome: Outcome, reported: Reported) -> list[Section]:
-    """Sections of the page that hold something."""
-    here = [
+    """Sections of the page of a discovery: cause, result, detection limits, residuals, what was tried."""
+    readings = [
         Figure(partial(reading, number=k), ("discovery",), caption(search, k, reported.readings))
         for k in range(len(outcome.findings)) or (-1,)  # of the least likely band
     ]
     numbers = vars(outcome)
     causes = [findings_table(outcome.findings), tied_table(outcome.findings), WORDS.table("weighed", numbers)]
     cause = Section("The cause", causes, notes=[WORDS.note("cause")])
-    hidden = [unobservable_table(outcome), WORDS.table("limits", numbers)]
-    wrong = [f"{WORDS.note('wrong')} {reported.note}".strip()]
+    not_shown = [unobservable_table(outcome), WORDS.table("limits", numbers)]
+    notes = [f"{WORDS.note('wrong')} {reported.note}".strip()]
     return [
-        *([Section("What was found", figures=here)] if any(one.caption for one in here) else []),
+        *([Section("What was found", figures=readings)] if any(one.caption for one in readings) else []),
         *([cause] if outcome.findings else []),
         Section("The result", [WORDS.table("change", numbers), gain_table(outcome.gain)], notes=[WORDS.note("gain")]),
-        Section("What this event could not have shown", hidden, notes=WORDS.said("not_shown", **numbers)),
-        Section("What is left", [WORDS.table("outliers", numbers)], [_power, _spectra], wrong),
+        Section("What this event could not have shown", not_shown, notes=WORDS.said("not_shown", **numbers)),
+        Section("What is left", [WORDS.table("outliers", numbers)], [_power, _spectra], notes),
         Section("What was tried", [WORDS.table("tried", numbers)]),
     ]
 
 
 def findings_table(findings: Sequence[NamedCause]) -> Table:
-    """Every finding with its parameters, its significance and what it gained on data left out."""
+    """Table of the findings: chi-square gained in sample and on held-out data, significance, parameters."""
     rows = []
     for one in findings:
         held = f"{one.heldout_gain.chi2:.0f} ({one.heldout})"
@@ -134,12 +134,12 @@ def findings_table(findings: Sequence[NamedCause]) -> Table:
 
 
 def parameter_rows(parameters: Iterable[tuple]) -> list[list]:
-    """Rows of the parameters (name, value, sigma, unit) of a cause that are determined, below its own."""
+    """Rows of the determined parameters (name, value, sigma, unit) of a cause, to follow the row of the cause."""
     return [[None, name, "", "", "", *plain.measured(*one)] for name, *one in parameters if one[0] is not None]
 
 
 def tied_table(findings: Sequence[NamedCause]) -> Table:
-    """Causes that this data cannot tell apart, and what would."""
+    """Table of causes that the data cannot separate: expected chi-square, best block, number of events needed."""
     rows = []
     for one in findings:
         for other in one.separation:
@@ -153,7 +153,7 @@ def tied_table(findings: Sequence[NamedCause]) -> Table:
 
 
 def gain_table(gain: Gain) -> Table:
-    """Residual of each channel and chi-square before and after."""
+    """Table of the rms of the whitened residual of each channel, chi-square and BIC before and after the findings."""
     rms = [(name, one, gain.rms_after[name]) for name, one in gain.rms_before.items() if one is not None]
     rows = [[name, f"{before:.3f}", f"{after:.3f}"] for name, before, after in rms]
     pair = f"{gain.chi2_before:.0f} / {gain.dof_before}", f"{gain.chi2_after:.0f} / {gain.dof_after}"
@@ -164,39 +164,39 @@ def gain_table(gain: Gain) -> Table:
 
 
 def unobservable_table(outcome: Outcome) -> Table:
-    """Causes that look like the calibration itself."""
+    """Table of the 12 causes that bias the calibration most and cannot be separated from its parameters."""
     rows, change = [], outcome.calibration_change
     about = list(zip(change.names, change.sigma_before, units(change.unit, change.names), strict=True))
     for one in sorted(outcome.indistinguishable_from_calibration, key=lambda r: -r.bias_in_sigma)[:12]:
         where = ", ".join(f"{signed(v, 2)} {n}" for n, v in one.direction.items())
-        drag, priced = one.drag_bias_m_s2, one.bias_in_error or [None] * len(about)
-        each = zip(one.bias, priced, about, strict=True)
+        drag, errors = one.drag_bias_m_s2, one.bias_in_error or [None] * len(about)
+        each = zip(one.bias, errors, about, strict=True)
         each = sorted(each, key=lambda row: -abs(row[0]) / (row[2][1] or np.inf))[:3]
-        moved = ", ".join(f"{name} {signed(v, decimals(max(abs(v), 1e-3)))} {unit}" for v, _, (name, _, unit) in each)
-        said = f"drag {plain.quantity(max(drag), None, 'm s-2')}" if drag else moved
-        held = ", ".join(f"{v:.2g} {unit}" for _, v, (_, _, unit) in each if v is not None)
-        rows.append([words.title(one.cause), where, f"{one.signal_to_noise:.1f}", said, held])
+        biases = ", ".join(f"{name} {signed(v, decimals(max(abs(v), 1e-3)))} {unit}" for v, _, (name, _, unit) in each)
+        bias = f"drag {plain.quantity(max(drag), None, 'm s-2')}" if drag else biases
+        in_errors = ", ".join(f"{v:.2g} {unit}" for _, v, (_, _, unit) in each if v is not None)
+        rows.append([words.title(one.cause), where, f"{one.signal_to_noise:.1f}", bias, in_errors])
     return WORDS.table("unobservable", rows)
 
 
 def model_text(findings: Sequence[NamedCause], event: str, initial: str = "", result: dict | None = None) -> str:
     """Extended model as TOML, as `--model` reads it; empty if no cause has a parameter that is determined.
 
-    It also holds the entries of the model that the search began with (initial, JSON text), and what the search adds to
-    the result of the calibration. Without findings it is the model of a run, with the result that it came with.
+    It also holds the entries of the model that the search began with (initial, JSON text), and the correction and its
+    covariance of the result (result). Without findings it is the model of a run, with its own "result".
     """
     effects = []
-    for one in [*json.loads(initial or "[]"), *map(tables_of, findings)]:
-        known = {n: p for n, p in one.get("model", one["parameters"]).items() if p["value"] is not None}
-        if known and one.get("adopted", True):
+    for entry in [*json.loads(initial or "[]"), *map(tables_of, findings)]:
+        determined = {n: p for n, p in entry.get("model", entry["parameters"]).items() if p["value"] is not None}
+        if determined and entry.get("adopted", True):
             parameters = {}
-            for name, parameter in known.items():
-                related = {n: r for n, r in parameter.get("correlation", {}).items() if n in known}
+            for name, parameter in determined.items():
+                related = {n: r for n, r in parameter.get("correlation", {}).items() if n in determined}
                 parameters[name] = {n: parameter.get(n) for n in ("value", "sigma", "unit")} | {"correlation": related}
-            effect = {"cause": one["cause"], "form": one["form"], "tied_with": one.get("tied_with", [])}
-            leads = {name: one.get(name) or None for name in ("waves", "leads")}
-            days = {name: one.get(name) for name in ("from", "to")}
-            effects.append(effect | days | {"parameters": parameters} | leads)
+            effect = {"cause": entry["cause"], "form": entry["form"], "tied_with": entry.get("tied_with", [])}
+            shape = {name: entry.get(name) or None for name in ("waves", "leads")}
+            days = {name: entry.get(name) for name in ("from", "to")}
+            effects.append(effect | days | {"parameters": parameters} | shape)
     if not findings and effects and (own := json.loads(initial)[0].get("result")):
         result = own | {"unit": "m"}
     model = {"event": event, "effect": effects, "result": result}
@@ -205,7 +205,7 @@ def model_text(findings: Sequence[NamedCause], event: str, initial: str = "", re
 
 
 @WORDS.figure("discovery")
-def _power(search):
+def _power(search):  # Figure: power over noise of each channel by block and band, before and after; or None
     names = search.attrs["channels"].split()
     tested = [k for k in range(len(names)) if np.any(search["test_channel"].values == k)]
     if not tested:
@@ -216,26 +216,26 @@ def _power(search):
     look = {"xlabel": f"{part}, four bands from low to high frequency", "ylabels": [names[k] for k in tested]}
     drawn, panels = grid(len(tested), 1, 0.7 + 0.95 * len(tested), sharex=True, margins={"hspace": 0.16}, **look)
     for (panel,), k in zip(panels, tested, strict=True):
-        here = search["test_channel"].values == k
-        place = blocks[here] + 1 + (bands[here] - 1.5) * 0.18
+        of_channel = search["test_channel"].values == k
+        place = blocks[of_channel] + 1 + (bands[of_channel] - 1.5) * 0.18
         panel.axhline(1.0, label="noise", **NOISE)
         for which, (name, style) in zip(("before", "after"), STYLES["points"].items(), strict=True):
-            panel.plot(place, search[f"power_{which}"].values[here], label=name, markersize=size, **style)
+            panel.plot(place, search[f"power_{which}"].values[of_channel], label=name, markersize=size, **style)
         _wide(panel)
-    named = enumerate(search.attrs["blocks"].split(", ")[: int(blocks.max()) + 1], start=1)  # that have bands
-    named = {k: name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(k) for k, name in named}
-    panel.set_xticks([*named][each - 1 :: each], [*named.values()][each - 1 :: each])
+    labels = enumerate(search.attrs["blocks"].split(", ")[: int(blocks.max()) + 1], start=1)  # that have bands
+    labels = {k: name.removeprefix("manoeuvre ") if name.startswith("manoeuvre ") else str(k) for k, name in labels}
+    panel.set_xticks([*labels][each - 1 :: each], [*labels.values()][each - 1 :: each])
     return drawn
 
 
 def _wide(panel):
-    """Logarithmic power where it spans more than a page can show."""
+    """Set a logarithmic power axis where values exceed 30."""
     if panel.get_ylim()[1] > 30:
         panel.set_yscale("log")
 
 
 @WORDS.figure("discovery")
-def _spectra(search):
+def _spectra(search):  # Figure: whitened residual spectrum of each channel, before and after; None without
     names = search.attrs["channels"].split()
     curves = {name: one for k, name in enumerate(names) if (one := _spectrum(search, k)) is not None}
     if not curves:
@@ -254,10 +254,10 @@ def _spectra(search):
 
 
 def _spectrum(search, channel):
-    """Frequencies Hz, and mean power (2, n) before and after; None where the channel has too few rows."""
-    here = search["channel"].values == channel
-    pairs = [(b, axis) for b in np.unique(search["block"].values[here]) for axis in range(3)]
-    rows = [here & (search["block"].values == b) & (search["component"].values == axis) for b, axis in pairs]
+    """Frequencies (n,) Hz, and mean periodogram (2, n) of the whitened residual before and after; None if too short."""
+    of_channel = search["channel"].values == channel
+    pairs = [(b, axis) for b in np.unique(search["block"].values[of_channel]) for axis in range(3)]
+    rows = [of_channel & (search["block"].values == b) & (search["component"].values == axis) for b, axis in pairs]
     longest = max((r.sum() for r in rows), default=0)
     bins = next((n for n in (BINS, BINS // 2) if longest >= 4 * n), None)
     if bins is None:
@@ -265,13 +265,13 @@ def _spectrum(search, channel):
     rows = [r for r in rows if r.sum() >= 4 * bins]
     residual = np.stack([search[name].values for name in ("residual_before", "residual_after")])
     powers = [np.abs(np.fft.rfft(residual[:, used])[:, 1:]) ** 2 / used.sum() for used in rows]
-    means = [[part.mean(axis=1) for part in np.array_split(one, bins, axis=1)] for one in powers]
+    means = [[part.mean(axis=1) for part in np.array_split(periodogram, bins, axis=1)] for periodogram in powers]
     step = float(np.median(np.diff(search["time_row"].values[rows[-1]])))
     return (np.arange(bins) + 0.5) / (2 * step * bins), np.mean(means, axis=0).T
 
 
 def shown(search, number: int) -> tuple[Shown, np.ndarray, dict[str, np.ndarray]] | None:
-    """Place of a finding, epochs s from the first (n,), {side: (n,)} of its axis; None where it helps no reading."""
+    """(Shown of a finding, time (n,) s from its first, {side of `SIDES`: reading (n,)}); None where none is shown."""
     rows = (one for one in outcome_of(search).readings.shown if one.finding == number)
     one = next((one for one in rows if f"{one.channel}_measured" in search), None)  # not that of a plugin
     if one is None:
@@ -284,37 +284,37 @@ def shown(search, number: int) -> tuple[Shown, np.ndarray, dict[str, np.ndarray]
 
 
 def _kept(values, index):
-    """Share of the square of values that their means over bins (n,) keep."""
+    """Share (0 to 1) of the variance of values (n,) kept by their means over bins, index (n,) of the bin of each."""
     series = pd.Series(values - np.nanmean(values) if np.isfinite(values).any() else values).dropna()
-    kept = series.groupby(index[series.index]).transform("mean")
-    return float((kept**2).sum() / (series**2).sum()) if series.any() else 0.0
+    means = series.groupby(index[series.index]).transform("mean")
+    return float((means**2).sum() / (series**2).sum()) if series.any() else 0.0
 
 
 def fold(search, number: int) -> float | None:
-    """Period s over which what a finding adds to its reading repeats: its own, or one of the manoeuvre; or None."""
+    """Period s over which the effect of a finding on its reading repeats, fitted or of the manoeuvre, or None."""
     view, known = shown(search, number), outcome_of(search)
     if view is None or not 0 <= number < len(known.findings):
         return None
     _, time, curves = view
-    own = known.findings[number].parameters.get("frequency")
-    periods = [*([1 / own.value] if own and own.value else []), *known.readings.periods]
+    frequency = known.findings[number].parameters.get("frequency")
+    periods = [*([1 / frequency.value] if frequency and frequency.value else []), *known.readings.periods]
     added = curves["extended"] - curves["simulated"]
-    quick = {p: _quick(time, added, p) for p in periods if 3 * p < time[-1]}
-    share = {p: _kept(v, _bins(time, p)) for p, v in quick.items() if np.nanvar(v) > SLOW * np.nanvar(added)}
-    best = max(share, key=share.get, default=None)
-    return best if best is not None and share[best] > KEPT else None
+    fast = {p: _quick(time, added, p) for p in periods if 3 * p < time[-1]}
+    kept = {p: _kept(v, _bins(time, p)) for p, v in fast.items() if np.nanvar(v) > SLOW * np.nanvar(added)}
+    best = max(kept, key=kept.get, default=None)
+    return best if best is not None and kept[best] > KEPT else None
 
 
 def _quick(time, values, period):
-    """Values (n,) less their mean over a period about each sample, NaN where that is not whole."""
-    width = max(1, round(period / float(np.median(np.diff(time)))))
-    left = values - pd.Series(values).rolling(width, center=True, min_periods=1).mean().to_numpy()
-    left[: width // 2] = left[values.size - width // 2 :] = np.nan
-    return left
+    """High-passed values (n,): less their running mean over a period s, NaN where the window is not complete."""
+    window = max(1, round(period / float(np.median(np.diff(time)))))
+    fast = values - pd.Series(values).rolling(window, center=True, min_periods=1).mean().to_numpy()
+    fast[: window // 2] = fast[values.size - window // 2 :] = np.nan
+    return fast
 
 
 def _bins(time, period):
-    """Bin (n,) of each epoch in a period: as many bins as have a sample each."""
+    """Phase bin (n,) of each epoch s in a period s; the most bins, up to `PHASES`, that all have a sample."""
     for count in range(PHASES, 1, -1):
         index = np.minimum((time % period * (count / period)).astype(int), count - 1)
         if np.unique(index).size == count:
@@ -323,20 +323,20 @@ def _bins(time, period):
 
 
 def reading(search, number: int):
-    """Reading that a finding, -1 where none was named, helps most, and what is left of it by either model."""
+    """Figure of the reading that a finding (-1: least likely band) explains most, and its residual by both models."""
     view, period = shown(search, number), fold(search, number)
     if view is None:
         return None
-    one, time, curves = view
+    place_shown, time, curves = view
     curves = {side: _quick(time, v, period) for side, v in curves.items()} if period else curves
     measured = curves["measured"]
     models = [(curves["simulated"], STYLES["simulated"]), (curves["extended"], STYLES["extended"])]
     models = [model for model in models if np.isfinite(model[0]).any()]
     place, index = _places(time, models[-1][0] - (models[0][0] if len(models) > 1 else measured), period)
-    whole = search[f"{one.channel}_measured"]
-    axis = f" {'xyz'[one.axis]}" if whole.shape[1] > 1 else ""
+    whole = search[f"{place_shown.channel}_measured"]
+    axis = f" {'xyz'[place_shown.axis]}" if whole.shape[1] > 1 else ""
     rows = {
-        f"{one.channel}{axis}": [*models, (measured, STYLES["measured"])],
+        f"{place_shown.channel}{axis}": [*models, (measured, STYLES["measured"])],
         "difference": [(measured - values, style) for values, style in models],
     }
     along = "time from the first sample (s)" if period is None else "phase (s)"
@@ -357,7 +357,7 @@ def reading(search, number: int):
 
 
 def _places(time, added, period):
-    """Abscissae (m,) s of bins, and the bin (n,) of each sample: of a period, of the record, or every sample alone."""
+    """Abscissae (m,) s of bins, and bin (n,) of each sample: phases of a period, parts of the record, or samples."""
     if period is not None:
         count = max(index := _bins(time, period)) + 1
         return (np.arange(count) + 0.5) * period / count, index
@@ -368,12 +368,12 @@ def _places(time, added, period):
 
 
 def caption(search, number: int, readings_of: Mapping[str, str]) -> str:
-    """Caption of the figure of a finding; `readings_of` says {channel: text} what the readings are."""
+    """Caption of the figure of a finding, "" if none is shown; `readings_of` {channel: sentence on its readings}."""
     view, period = shown(search, number), fold(search, number)
     if view is None:
         return ""
-    what = f"Finding {number + 1}" if number >= 0 else "The least likely band"
+    subject = f"Finding {number + 1}" if number >= 0 else "The least likely band"
     folded = f" Folded over {period:.4g} s, without what changes in longer times." if period else ""
-    own = readings_of.get(view[0].channel, " Its mean is left out.")
-    own += WORDS.note("rebuilt") if "rebuilt" in search.attrs else ""
-    return WORDS.note("reading", what=what, folded=folded, own=own, **vars(view[0]))
+    details = readings_of.get(view[0].channel, " Its mean is left out.")
+    details += WORDS.note("rebuilt") if "rebuilt" in search.attrs else ""
+    return WORDS.note("reading", what=subject, folded=folded, own=details, **vars(view[0]))

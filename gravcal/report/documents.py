@@ -1,4 +1,4 @@
-"""What all result documents share: origin and configuration of the data, checks, and the status that follows."""
+"""Common parts of all result documents: origin and configuration of the data, checks, and the resulting status."""
 
 import json
 from collections.abc import Mapping, Sequence
@@ -15,7 +15,7 @@ OPERATIONAL = "operational"
 
 
 def delivered(calibration, body: Mapping, products: Mapping, checks: Sequence, *, event, settings) -> dict:
-    """Result document, `judged` and valid, of what was found: "status", "verdict" and the entries of its schema.
+    """Result document, `judged` and valid, from its body: "status", "verdict" and the other entries of its schema.
 
     Products are {stage or "stage.variant": Dataset or None}. A discovery, of some "kind", has its settings in the
     provenance; its own digests go before those of the products.
@@ -31,7 +31,7 @@ def delivered(calibration, body: Mapping, products: Mapping, checks: Sequence, *
 
 
 def text(document: Mapping) -> str:
-    """A document as the text of a file."""
+    """JSON text of a document, with a line end."""
     return json.dumps(document, indent=1, allow_nan=False) + "\n"
 
 
@@ -44,19 +44,19 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
     origin = origins_together(one.attrs.get("origin", "") for one in products if one is not None) or MEASURED
     failed = [one for one in checks if not one.passed]
     status = "questionable" if failed and document["status"] == "delivered" else document["status"]
-    doubt = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""
+    warning = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""
     verdict = document.get("verdict")
-    entry = {"verdict": verdict | {"text": foreword(origin) + doubt + verdict["text"]}} if verdict else {}
+    new_verdict = {"verdict": verdict | {"text": foreword(origin) + warning + verdict["text"]}} if verdict else {}
     configuration = settings_of(document).get("configuration", OPERATIONAL)
     added = {"origin": origin, "configuration": configuration, "checks": as_plain(list(map(vars, checks)))}
-    return dict(document) | {"status": status} | added | entry
+    return dict(document) | {"status": status} | added | new_verdict
 
 
 def settings_of(document: Mapping) -> Mapping:
-    """Settings that a document was made with."""
+    """{setting: value} that a document was made with, also of a discovery; {} without."""
     return document.get("settings") or document.get("provenance", {}).get("settings", {})
 
 
 def said(check: checking.Check) -> str:
-    """A failed check in words: what was found and its limit."""
+    """Text "name value, limit value unit" of a failed check."""
     return f"{check.name} {check.value:.3g}, limit {check.limit:.3g} {check.unit if check.unit != '1' else ''}".rstrip()

@@ -1,4 +1,4 @@
-"""Figures of the reports: one style, colours that the colour-blind tell apart, bytes that depend on the data alone."""
+"""Figures of the reports: one style, colours safe for colour-blind readers, bytes that depend on the data alone."""
 
 import base64
 import io
@@ -42,7 +42,7 @@ STYLE = matplotlib.rc_params_from_file(Path(__file__).with_name("report.mplstyle
 
 
 def grid(rows, columns, height_in, *, xlabel="", ylabels=(), titles=(), margins=None, **options):
-    """Figure, height in inches, and its panels, always a (rows, columns) array of Axes.
+    """(Figure of a height in inches, (rows, columns) array of Axes).
 
     The label of x stands under the last row, those of y at the first column, titles above the panels in order. Margins
     {"left", "right", "top", "bottom", "hspace", "wspace"} and other options are those of Figure.subplots.
@@ -62,29 +62,29 @@ def grid(rows, columns, height_in, *, xlabel="", ylabels=(), titles=(), margins=
 
 
 def bars(panel, x, y, sigma, **style):
-    """Values with their errors as points with bars."""
+    """Draw values y with error bars sigma (None: no bars) as points at x; style as of Axes.errorbar."""
     look = {"marker": "o", "markersize": 3.8, "linestyle": "none", "elinewidth": 0.9, "capsize": 2}
     panel.errorbar(x, y, sigma, **(look | style))
 
 
 def opened(x, y, gap):
-    """Curve (n,), (n,) with NaN put in where x jumps by more than a gap, so that no line bridges it."""
-    at = np.flatnonzero(np.diff(x) > gap) + 1
-    return np.insert(np.asarray(x, dtype=float), at, np.nan), np.insert(np.asarray(y, dtype=float), at, np.nan)
+    """x, y (n,) with NaN inserted where x increases by more than a gap, so that no line bridges it."""
+    jumps = np.flatnonzero(np.diff(x) > gap) + 1
+    return np.insert(np.asarray(x, dtype=float), jumps, np.nan), np.insert(np.asarray(y, dtype=float), jumps, np.nan)
 
 
 def density(pieces, step):
-    """Frequencies (m,) and one-sided amplitude density (m, ...), under a Hann window, mean power of pieces (n, ...)."""
-    pieces = [np.asarray(one, dtype=float) for one in pieces]
+    """Frequency (m,) Hz, one-sided amplitude density (m, ...), Hann window, mean power of pieces (n, ...), step s."""
+    pieces = [np.asarray(piece, dtype=float) for piece in pieces]
     length = len(pieces[0])
     taper = np.hanning(length)
-    power = [np.abs(np.fft.rfft(taper * one.T)).T ** 2 for one in pieces]
+    power = [np.abs(np.fft.rfft(taper * piece.T)).T ** 2 for piece in pieces]
     scale = np.sqrt(2 * step / np.sum(taper**2))
     return np.fft.rfftfreq(length, step)[1:], scale * np.sqrt(np.mean(power, axis=0))[1:]
 
 
 def thinned(x, y, most=800):
-    """Curve (n,), (n,) with the lowest and highest point of each of `most` / 2 groups, where it has more points.
+    """x, y reduced to the lowest and highest point of each of `most` / 2 groups, where there are more than `most`.
 
     A group without a known value, NaN in y, keeps one NaN, so that gaps stay open.
     """
@@ -94,13 +94,13 @@ def thinned(x, y, most=800):
     size = -(-x.size // (most // 2))
     rows = np.pad(y, (0, -x.size % size), constant_values=np.nan).reshape(-1, size)
     first = np.arange(len(rows)) * size
-    ends = [first + np.argmin(np.where(np.isnan(rows), np.inf, sign * rows), axis=1) for sign in (1, -1)]
-    kept = np.sort(np.stack(ends, axis=1), axis=1).ravel()
+    extremes = [first + np.argmin(np.where(np.isnan(rows), np.inf, sign * rows), axis=1) for sign in (1, -1)]
+    kept = np.sort(np.stack(extremes, axis=1), axis=1).ravel()
     return x[kept], y[kept]
 
 
 def joined(time, start, stop):
-    """Times (n,) with windows laid end to end, from the first, and where they meet (windows + 1,)."""
+    """Times (n,) s with windows (start, stop) laid end to end from 0, and the edges (windows + 1,) s of these."""
     order = np.argsort(start)
     start, stop = np.asarray(start)[order], np.asarray(stop)[order]
     ends = np.concatenate([[0.0], np.cumsum(stop - start)])
@@ -119,7 +119,7 @@ def number_windows(panel, ends):
 
 
 def image(draw, *inputs) -> str | None:
-    """Figure that a function draws as a data address (SVG) for a page; None if there is nothing to show.
+    """Data URL (SVG) of the figure that ``draw(*inputs)`` returns, for a page; None if that returns None.
 
     Above its panels, to the right, stands a legend of all, each name once, unless a panel has its own.
     """
@@ -139,7 +139,7 @@ def image(draw, *inputs) -> str | None:
 
 
 def over_time(labels):
-    """Figure with a panel for each quantity over the years, and its panels."""
+    """Figure with one panel below the other, labels those of y, and its panels (n,), for values over the years."""
     look = {"ylabels": labels, "margins": {"hspace": 0.12, "left": 0.11}}
     drawn, panels = grid(len(labels), 1, 0.6 + 1.5 * len(labels), sharex=True, **look)
     for panel in panels[:, 0]:
@@ -148,7 +148,7 @@ def over_time(labels):
 
 
 def mark(panel, kind, points, label=None):
-    """Values (date, value, sigma or None) of one kind; printed ones are hollow and joined."""
+    """Draw points (date, value, sigma or None) of a kind of `MARKS`; printed ones are hollow and joined."""
     form, colour, name = MARKS[kind]
     look = {"markerfacecolor": "white", "linestyle": "-", "capsize": 0} if kind == "printed" else {}
     if points:

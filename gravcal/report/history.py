@@ -1,4 +1,4 @@
-"""Results of a calibration over the years, beside printed values and mass trims: rows and page."""
+"""Results of a calibration over the years with printed values and mass trims: rows and page."""
 
 import datetime
 
@@ -8,7 +8,7 @@ from gravcal.report.plain import plus_minus, signed
 
 
 def history(title, points, trims=(), band=None):
-    """Rows, dicts in order of time, and page of values; Table 9 and Figure 12 of 10.3390/rs14164030 with printed ones.
+    """[row dict, by satellite and date] and HTML page of values; like Table 9 and Figure 12 of 10.3390/rs14164030.
 
     Points, ours and printed, have satellite, panel, unit, date, value, sigma, event, mood (a key of MARKS, any other:
     measured) and said (of printed ones the source); trims are (satellite, Trim); a band is drawn about zero.
@@ -34,17 +34,17 @@ def history(title, points, trims=(), band=None):
 
 
 def tables(rows):
-    """A table of the rows of a satellite for each unit: events down, quantities across, in a row that says of what."""
+    """[Table], one a unit, of the rows of a satellite: a row for each date, event and kind, a column a quantity."""
     by_unit = []
     for unit in dict.fromkeys(row["unit"] for row in rows):
         own = [row for row in rows if row["unit"] == unit]
-        names, lines = list(dict.fromkeys(row["quantity"] for row in own if row["kind"] != "trim")), {}
+        names, by_event = list(dict.fromkeys(row["quantity"] for row in own if row["kind"] != "trim")), {}
         for row in own:
-            line = lines.setdefault((row["date"], row["event"], row["kind"]), {})
-            line[row["quantity"]] = _text(row)
+            cells_of = by_event.setdefault((row["date"], row["event"], row["kind"]), {})
+            cells_of[row["quantity"]] = _text(row)
         cells = [
-            [date, event, MARKS[kind][2] if kind in MARKS else kind, *(line.get(name, "") for name in names)]
-            for (date, event, kind), line in lines.items()
+            [date, event, MARKS[kind][2] if kind in MARKS else kind, *(cells_of.get(name, "") for name in names)]
+            for (date, event, kind), cells_of in by_event.items()
         ]
         heads = ["date", "event", "", *(f"{name} ({unit})" for name in names)]
         by_unit.append(pages.Table("Value ± error, ours and as printed.", heads, cells, words=(0, 1, 2)))
@@ -52,7 +52,7 @@ def tables(rows):
 
 
 def _text(row):
-    """Value with its error, printed ones as in print; small numbers with a power of ten."""
+    """Text of value and sigma of a row, printed ones with the printed digits; trims without sigma."""
     value, sigma = row["value"], row["sigma"]
     if row["kind"] == "trim":
         return signed(value, 0)
@@ -62,16 +62,16 @@ def _text(row):
 
 
 def _draw(rows, band):
-    """A panel for each quantity over time, ours filled, printed hollow, trims as lines."""
+    """Figure with a panel for each quantity over time: ours filled, printed hollow, trims as lines; band about zero."""
     names = list(dict.fromkeys((row["quantity"], row["unit"]) for row in rows if row["kind"] != "trim"))
     drawn, panels = over_time([f"{name} ({unit})" for name, unit in names])
     for panel, (name, _) in zip(panels, names, strict=True):
         if band:
             panel.axhspan(-band, band, color=COLOURS["sky"], alpha=0.13, linewidth=0, label="requirement")
-        own = [row | {"date": datetime.date.fromisoformat(row["date"])} for row in rows if row["quantity"] == name]
+        of_panel = [row | {"date": datetime.date.fromisoformat(row["date"])} for row in rows if row["quantity"] == name]
         for kind in MARKS:
-            mark(panel, kind, [(row["date"], row["value"], row["sigma"]) for row in own if row["kind"] == kind])
-        for row in (row for row in own if row["kind"] == "trim"):
+            mark(panel, kind, [(row["date"], row["value"], row["sigma"]) for row in of_panel if row["kind"] == kind])
+        for row in (row for row in of_panel if row["kind"] == "trim"):
             confirmed = "not confirmed" not in row["event"]
             panel.axvline(row["date"], color=COLOURS["black"], linewidth=0.9, linestyle="--" if confirmed else ":")
             place = {"xycoords": ("data", "axes fraction"), "textcoords": "offset points", "xytext": (3, -3)}

@@ -1,4 +1,4 @@
-"""What a search over many events delivers: document, page, the model of the satellite, and what a new event changed."""
+"""Report of a search over many events: document, page, model of the satellite, and changes since the last search."""
 
 import datetime
 import itertools
@@ -19,12 +19,12 @@ from gravcal.report.pages import Section
 from gravcal.report.plain import EPOCH, as_plain, number, plus_minus, probability, quantity, signed
 from gravcal.store import product
 
-AHEAD_S, STEP_S = 0.5 * YEAR_S, YEAR_S / 12
-CHANGED = 3.0  # errors of a change from which it is worth a note
+AHEAD_S, STEP_S = 0.5 * YEAR_S, YEAR_S / 12  # span of the prediction after the last event, and its step
+CHANGED = 3.0  # sigma of a change from which it is noted
 
 
 def _scope(scope):
-    """Scope of a law in words."""
+    """Scope of a law ("constant", "each", name of a quantity ...) in words."""
     return WORDS.notes["scopes"].get(scope, f"follows {scope}")
 
 
@@ -32,7 +32,7 @@ WORDS = pages.words(__file__, "joint.toml", cause=words.title, scope=_scope)
 
 
 def report(search, products, *, history, settings, calibration, event, satellite):
-    """Product with the calibration's values in each event, and its files: document, page and model of the satellite.
+    """(Dataset with the calibration's values in each event, {file: text} of document, page and model of the satellite).
 
     `products` are {event: evidence}, `history` {"trims": [{"date", "axis", "size", "confirmed"}], "printed": [{"time",
     "parameter", "value", "sigma"}]}, `settings` the configuration and the events left out with the reason.
@@ -49,15 +49,15 @@ def report(search, products, *, history, settings, calibration, event, satellite
     left_out, sigma = [one.left_out() for one in moves.values()], np.sqrt(np.einsum("ipip->ip", spread))
     contradicting = [asdict(one) for one in result.contradicting]
     for name, scores in zip(names, left_out, strict=True) if len(time) > 3 else ():  # that the motion does not foretell
-        for one, away in zip(search.events, scores, strict=True):
-            chance = float(np.exp(chi2_tail.log_tail(away**2, 1))) * len(time) * len(names)
-            about = {"event": one.name, "chi2": float(away**2), "dof": 1, "p": chance, "parameter": name}
-            contradicting += [about] if chance < search.level else []
+        for one, score in zip(search.events, scores, strict=True):
+            p_value = float(np.exp(chi2_tail.log_tail(score**2, 1))) * len(time) * len(names)
+            about = {"event": one.name, "chi2": float(score**2), "dof": 1, "p": p_value, "parameter": name}
+            contradicting += [about] if p_value < search.level else []
     rows = []
     for k, one in enumerate(search.events):
         row = {"event": one.name, "time": one.time, "value": value[k], "sigma": sigma[k]}
         row |= {name: scale * result.alone[k, :, n] for n, name in enumerate(("alone", "sigma_alone"))}
-        rows.append(row | {"left_out": [away[k] for away in left_out], "measured": dict(one.measured)})
+        rows.append(row | {"left_out": [score[k] for score in left_out], "measured": dict(one.measured)})
     common = scale * np.array(known.common)
     body = {
         "status": "delivered",
@@ -84,33 +84,33 @@ def report(search, products, *, history, settings, calibration, event, satellite
         "satellite_model.toml": model_text(document, search, result),
         "joint.html": page(document, moves, history),
     }
-    of_each, said = ("event", "parameter"), {"units": "1", "long_name": f"parameters in {unit}"}
-    kept = {"time_event": ("event", time, {"units": "s", "long_name": "middle of the manoeuvres, GPS"})}
-    kept |= {"value": (of_each, value, said), "sigma": (of_each, sigma, said | {"long_name": "errors"})}
-    return xr.Dataset(kept, attrs={"status": "delivered"}), files
+    dims, attributes = ("event", "parameter"), {"units": "1", "long_name": f"parameters in {unit}"}
+    variables = {"time_event": ("event", time, {"units": "s", "long_name": "middle of the manoeuvres, GPS"})}
+    variables |= {"value": (dims, value, attributes), "sigma": (dims, sigma, attributes | {"long_name": "errors"})}
+    return xr.Dataset(variables, attrs={"status": "delivered"}), files
 
 
 def seconds(day: str) -> float:
-    """GPS s of a day."""
+    """GPS s of the begin of a day YYYY-MM-DD."""
     return (datetime.datetime.fromisoformat(day) - EPOCH).total_seconds()
 
 
 def date(time: float) -> datetime.datetime:
-    """Calendar form of GPS s."""
+    """Calendar date and time of GPS s."""
     return EPOCH + datetime.timedelta(seconds=float(time))
 
 
 def day(time: float) -> str:
-    """Day of GPS s."""
+    """Day YYYY-MM-DD of GPS s."""
     return date(time).date().isoformat()
 
 
 def _cause(search, one) -> dict:
-    """A cause with its law, values, ties, and values in each event by itself; whether these repeat, by chi-square."""
+    """Document entry of a `joint.Named`: law, values, ties, values by event, and chi-square that these are equal."""
     cause = search.causes[one.law.cause]
     of_event, chi2, dof = one.apart
 
-    def parameters(value, sigma):
+    def parameters(value, sigma):  # {name: {"value", "sigma", "unit"}} of (q,), (q,)
         columns = zip(cause.names, value, sigma, cause.units, strict=True)
         return {name: {"value": v, "sigma": e, "unit": unit} for name, v, e, unit in columns}
 
@@ -144,18 +144,18 @@ def _cause(search, one) -> dict:
 
 
 def _motion(one: Moving, trims, name, fuel):
-    """Slope per year, steps, change with fuel (null where it follows none) and size of the walk of a parameter."""
+    """Document entry of a parameter's motion: slope per year, steps, dependence on fuel (or null), random walk."""
     terms, first = [{"value": v, "sigma": s} for v, s in np.transpose(one.terms()).tolist()], 2 + len(one.steps)
-    printed, steps = {seconds(t["date"]): t["size"] for t in trims if t["axis"] == name}, []
-    for at, term in zip(one.steps, terms[2:first], strict=True):
-        steps.append({"date": day(at), **term, "found": at in one.discovered, "printed": printed.get(at)})
+    sizes, steps = {seconds(t["date"]): t["size"] for t in trims if t["axis"] == name}, []
+    for epoch, term in zip(one.steps, terms[2:first], strict=True):
+        steps.append({"date": day(epoch), **term, "found": epoch in one.discovered, "printed": sizes.get(epoch)})
     follows = dict.fromkeys(fuel) | dict(zip(one.follows, terms[first:], strict=True)) or None
     walk = float(np.sqrt(sum(w * q**2 for w, q, _ in one.options())))
     return {"slope_per_year": terms[1], "steps": steps, "follows": follows, "walk_per_root_year": walk}
 
 
 def predicted(moves, times, common=None) -> list[dict]:
-    """Value and error of each parameter at times, one row each; `common` (p,) is an error that all events share."""
+    """[{"date", "value", "sigma"}] of p parameters at times, GPS s; `common` (p,) is an error that all events share."""
     if not moves:
         return []
     value, sigma = np.transpose([one.predicted(np.asarray(times)) for one in moves.values()], (1, 2, 0))
@@ -166,20 +166,20 @@ def predicted(moves, times, common=None) -> list[dict]:
 
 
 def model_text(document, search, result) -> str:
-    """Model of the satellite as TOML: effects with the days that they hold for, as `--model` reads them; motion."""
-    effects, place = [], 0
-    for one, said in zip(result.named, document["causes"], strict=True):
+    """TOML of the model of a satellite: effects with the days for which they hold, as `--model` reads them; motion."""
+    effects, first = [], 0
+    for one, entry in zip(result.named, document["causes"], strict=True):
         many, count = one.value.shape if one.value.size else (0, 0)
         names, units = search.causes[one.law.cause].names, search.causes[one.law.cause].units
-        covariance = result.covariance[place : place + many * count, place : place + many * count]
-        place += many * count
+        covariance = result.covariance[first : first + many * count, first : first + many * count]
+        first += many * count
         for begin, end, weights in _spans(search, one.law):
-            turn = np.kron(weights, np.eye(count))
-            spread = turn @ covariance @ turn.T
+            weighting = np.kron(weights, np.eye(count))
+            spread = weighting @ covariance @ weighting.T
             sigma = np.sqrt(np.diag(spread))
-            effect = {name: said[name] for name in ("cause", "form", "scope", "tied_with")}
+            effect = {name: entry[name] for name in ("cause", "form", "scope", "tied_with")}
             effect |= {"from": begin or None, "to": end or None, "parameters": {}}
-            for k, (name, v) in enumerate(zip(names, turn @ one.value.ravel(), strict=True)):
+            for k, (name, v) in enumerate(zip(names, weighting @ one.value.ravel(), strict=True)):
                 others = {names[j]: round(float(spread[k, j] / sigma[k] / sigma[j]), 6) for j in range(count) if j != k}
                 row = {"value": float(v), "sigma": float(sigma[k]), "unit": units[k], "correlation": others}
                 effect["parameters"][name] = row
@@ -193,19 +193,19 @@ def model_text(document, search, result) -> str:
 
 
 def _spans(search, law):
-    """First day, day after the last ("" if open) and weights (1, k) of each stretch of equal values; of "each" none."""
+    """[(first day, day after last, "" if open; weights (1, k))] of spans of equal values of a Law, [] for "each"."""
     weights, days = law.weights, [day(one.time) for one in search.events]
     if law.scope not in ("constant", "epochs", "event"):  # it follows what was measured: event by event
         after = [str(datetime.date.fromisoformat(d) + datetime.timedelta(1)) for d in days]
         return [(a, b, w[None]) for a, b, w in zip(days, after, weights, strict=True) if w.any()]
     cuts = [0, *(np.flatnonzero(np.any(np.diff(weights, axis=0), axis=1)) + 1), len(days)]
-    middle = [day((search.events[k - 1].time + search.events[k].time) / 2) if 0 < k < len(days) else "" for k in cuts]
-    spans = zip(middle[:-1], middle[1:], (weights[k][None] for k in cuts[:-1]), strict=True)
+    bounds = [day((search.events[k - 1].time + search.events[k].time) / 2) if 0 < k < len(days) else "" for k in cuts]
+    spans = zip(bounds[:-1], bounds[1:], (weights[k][None] for k in cuts[:-1]), strict=True)
     return [span for span in spans if span[2].any()]
 
 
 def changes(before: dict, after: dict) -> list[str]:
-    """What a new event changed beyond its error, one line each; none where there was nothing before."""
+    """Lines on changes beyond their error from one joint document to the next; [] where the first is empty."""
     if not before:
         return []
     lines, unit = [], after["unit"]
@@ -213,9 +213,9 @@ def changes(before: dict, after: dict) -> list[str]:
     for word, causes in (("new", new - old), ("no longer named", old - new)):
         lines += [f"{word}: {words.title(cause)}, {_scope(scope)}" for cause, scope in sorted(causes)]
     known = {one["event"] for one in before["events"]}
-    fresh = [one for one in after["events"] if one["event"] not in known]
+    new_events = [one for one in after["events"] if one["event"] not in known]
     for k, name in enumerate(after["parameters"]):
-        for one in fresh:
+        for one in new_events:
             last = max((e for e in before["events"] if e["time"] < one["time"]), default=None, key=lambda e: e["time"])
             if last is None:
                 continue
@@ -233,8 +233,8 @@ def changes(before: dict, after: dict) -> list[str]:
                     f"{after['calibration']} {name} moved by {plus_minus(move, error)} {unit} since {day(last['time'])}"
                 )
                 lines.append(f"{text}: {'; '.join(reasons) or 'neither trim nor slope explains it'}")
-    was = {one["event"] for one in before["contradicting"]}
-    lines += [f"{one['event']} contradicts the others" for one in after["contradicting"] if one["event"] not in was]
+    earlier = {one["event"] for one in before["contradicting"]}
+    lines += [f"{one['event']} contradicts the others" for one in after["contradicting"] if one["event"] not in earlier]
     return lines
 
 
@@ -246,56 +246,56 @@ def shared(documents: Sequence[dict]) -> list[str]:
             names = {a["cause"], *a["tied_with"]} & {b["cause"], *b["tied_with"]}
             text = f"{one['satellite']} and {other['satellite']}: {', '.join(map(words.title, sorted(names)))} in both"
             if a["cause"] == b["cause"] and a["form"] == b["form"] and value.size == known.size:
-                away = value - known
-                chi2 = float(away @ np.linalg.solve(spread + error, away))
-                chance = float(np.exp(chi2_tail.log_tail(chi2, away.size)))
-                agree = "agree" if chance > one["level"] else "differ"
-                text += f", values {agree} (chi-square {chi2:.1f} of {away.size})"
+                difference = value - known
+                chi2 = float(difference @ np.linalg.solve(spread + error, difference))
+                p_value = float(np.exp(chi2_tail.log_tail(chi2, difference.size)))
+                agree = "agree" if p_value > one["level"] else "differ"
+                text += f", values {agree} (chi-square {chi2:.1f} of {difference.size})"
             lines += [text] * bool(names)
     return lines
 
 
 def _values(document):
     """(cause, values (r,), covariance (r, r)) of each cause with values of its own."""
-    place = 0
+    first = 0
     for one in document["causes"]:
         value = np.array([p["value"] for v in one["values"] for p in v["parameters"].values()])
-        own = slice(place, place + value.size)
-        place = own.stop
+        own = slice(first, first + value.size)
+        first = own.stop
         if value.size:
             yield one, value, np.array(document["covariance"])[own, own]
 
 
 def page(document, moves, history) -> str:
-    """Page of a joint search; without moves (of the calibration from event to event) there is no section of them."""
+    """HTML page of a joint search; moves {parameter: Moving}, no section of them if empty; history as of `report`."""
     drawn = replace(_motion_figure, arguments=(document, moves, history))
     ties = [{"named": one["cause"]} | tie for one in document["causes"] for tie in one["separation"]]
-    shared_by, apart = [], []
+    shared_by, by_event = [], []
     for one in document["causes"]:
-        held, repeats = "" if one["heldout"] is None else f"{one['heldout']:.0f}", one["repeats"]
-        cells = _scope(one["scope"]), f"{one['gain']:.0f}", held, probability(one["significance"]), "", ""
+        heldout, repeats = "" if one["heldout"] is None else f"{one['heldout']:.0f}", one["repeats"]
+        cells = _scope(one["scope"]), f"{one['gain']:.0f}", heldout, probability(one["significance"]), "", ""
         shared_by.append([words.title(one["cause"]), *cells])
         for values in one["values"]:
             shared_by += parameter_rows((f"{n}, {values['of']}", *p.values()) for n, p in values["parameters"].items())
-        said = "repeats" if repeats["said"] else "does not repeat"
-        apart.append([words.title(one["cause"]), "", said, f"{repeats['chi2']:.1f} of {repeats['dof']}"])
+        repetition = "repeats" if repeats["said"] else "does not repeat"
+        by_event.append([words.title(one["cause"]), "", repetition, f"{repeats['chi2']:.1f} of {repeats['dof']}"])
         for own in one["by_event"]:
             known = [(name, quantity(**p)) for name, p in own["parameters"].items() if p["value"] is not None]
-            apart += [[None, f"{own['event']} {name}", text, ""] for name, text in known]
-    causes = [WORDS.table("causes", shared_by, tried=document["tried"]), WORDS.table("apart", apart)]
-    made = [
+            by_event += [[None, f"{own['event']} {name}", text, ""] for name, text in known]
+    causes = [WORDS.table("causes", shared_by, tried=document["tried"]), WORDS.table("apart", by_event)]
+    sections = [
         Section("How the calibration moves", [_motion_table(document), _event_table(document)], [drawn]),
         Section("Causes that events share", causes),
         Section("Ties", [WORDS.table("ties", ties)], notes=[WORDS.note("ties")]),
         Section("Contradictions", [WORDS.table("contradictions", document)], notes=[WORDS.note("alone")]),
     ]
-    made = [one for one in made[0 if moves else 1 :] if any(table.rows for table in one.tables)]
+    sections = [one for one in sections[0 if moves else 1 :] if any(table.rows for table in one.tables)]
     subtitle = WORDS.note("subtitle", **document)
-    return pages.page(document, made, {}, heading="What many events say together", subtitle=subtitle)
+    return pages.page(document, sections, {}, heading="What many events say together", subtitle=subtitle)
 
 
 @WORDS.figure()
-def _motion_figure(document, moves, history):
+def _motion_figure(document, moves, history):  # Figure: values of events, prediction, printed values, steps
     events, printed = document["events"], history["printed"]
     known = [one["time"] for one in (*events, *printed)]
     times = np.linspace(min(known), max([events[-1]["time"] + AHEAD_S, *known]), 400)
@@ -315,7 +315,7 @@ def _motion_figure(document, moves, history):
     return drawn
 
 
-def _event_table(document):
+def _event_table(document):  # Table: values of each event, jointly and alone, and left-out residual over sigma
     rows = []
     for one in document["events"]:
         pairs = zip(one["value"], one["sigma"], one["alone"], one["sigma_alone"], strict=True)
@@ -326,7 +326,7 @@ def _event_table(document):
     return WORDS.table("events", rows, heads=heads, unit=document["unit"])
 
 
-def _motion_table(document):
+def _motion_table(document):  # Table: slope, random walk, steps and dependence on fuel of each parameter
     rows = []
     for name, one in document["motion"].items():
         slope, walk = one["slope_per_year"], one["walk_per_root_year"]

@@ -19,13 +19,13 @@ SAID = 9  # parameters that a verdict names
 
 
 def document(estimate: xr.Dataset) -> dict:
-    """Part of a result document of PARAMETERS: by name, null where not determined, and their covariance."""
+    """{"parameters": as of `parameters`, "covariance": {"parameters": names, "matrix": (p, p)}} of an estimate."""
     known, matrix = parameters(estimate), numbers(estimate["covariance"].values)
     return {"parameters": known, "covariance": {"parameters": [*known], "matrix": matrix}}
 
 
 def parameters(fit: xr.Dataset, before: str = "") -> dict[str, dict | None]:
-    """{name: {"value", "sigma", "unit"}}, null where not determined, of the variables whose names begin like that."""
+    """{parameter: {"value", "sigma", "unit"}, None where not determined}; before: prefix of the variables read."""
     rows = zip(*(fit[name].values for name in ("parameter", "unit", f"{before}value", f"{before}sigma")), strict=True)
     known = lambda v, s, u: {"value": float(v), "sigma": float(s), "unit": str(u)} if np.isfinite(v) else None  # noqa: E731
     return {str(name): known(value, sigma, unit) for name, unit, value, sigma in rows}
@@ -33,7 +33,7 @@ def parameters(fit: xr.Dataset, before: str = "") -> dict[str, dict | None]:
 
 @dataclass(frozen=True)
 class Page:
-    """What a calibration says beside its parameters."""
+    """Texts and functions by which a calibration adds to the report of its parameters."""
 
     calibration: str
     heading: str
@@ -47,18 +47,18 @@ class Page:
 
 
 def report(own: Page, *datasets: xr.Dataset, event: str, settings: Mapping) -> tuple[xr.Dataset, dict[str, str]]:
-    """Report product of one event and its files, from the products that the page names and all settings."""
+    """(report Dataset, {file: text}) of one event; datasets are those of ``own.products``, in that order."""
     products = dict(zip(own.products, datasets, strict=False))
     facts, sections = own.content(products)
     more, sentence = own.more(products)
     estimate = products["estimate"]
     solved = document(estimate)
-    known = list(results.parameters(solved))
-    text = results.text(known[:SAID]) if known else "no parameter is determined"
-    text += f", and {len(known) - SAID} more" if len(known) > SAID else ""
+    determined = list(results.parameters(solved))
+    text = results.text(determined[:SAID]) if determined else "no parameter is determined"
+    text += f", and {len(determined) - SAID} more" if len(determined) > SAID else ""
     body = {"status": "delivered", "verdict": {"text": f"{own.verdict}: {text}.{sentence}"}, "facts": facts}
     stated = [[name.replace("_", " "), _short(value)] for name, value in facts.items()]
-    shown = [
+    page_sections = [
         Section("Result", [parameter_table(solved["parameters"], "estimate")], [by_part]),
         *sections,
         Section("Record", [Table("Facts of the record.", ["fact", "value"], stated)]),
@@ -66,24 +66,24 @@ def report(own: Page, *datasets: xr.Dataset, event: str, settings: Mapping) -> t
     subtitle = f"From {gps_text(float(estimate['part_start'][0]))} GPS, {estimate.sizes['part']} parts."
     about = {"event": event, "settings": settings, "heading": own.heading, "subtitle": subtitle}
     checks, entries = of_product(products["checks"]), body | solved | more
-    _, files = pages.report(own.calibration, entries, products, checks, lambda _: shown, **about)
+    _, files = pages.report(own.calibration, entries, products, checks, lambda _: page_sections, **about)
     return build(schemas.of("shared.toml")["report"], {"delivered": 1}, event=event), files
 
 
 def parameter_table(parameters: Mapping, read: str) -> Table:
-    """Named parameters of a document, as read from the product of that name."""
+    """Table of named parameters {name: {"value", "sigma", "unit"} or None}; read: name of their product."""
     rows = [[name.replace("_", " "), *cells(one)] for name, one in parameters.items()]
     caption = "Parameters with their errors by noise."
     return Table(caption, ["parameter", "value ± σ", "unit"], rows, reads=(read,), words=(0, 2))
 
 
 def cells(one: Mapping | None) -> tuple[str, str]:
-    """Value with its error, and unit of a parameter."""
+    """("value ± sigma", unit) of a parameter {"value", "sigma", "unit"}, None: not determined."""
     return measured(**one) if one else (NOT_DETERMINED, "")
 
 
 def _short(value):
-    """Number or numbers with four digits."""
+    """Text of a number, or numbers, with four digits."""
     if isinstance(value, (list, tuple)):
         return ", ".join(map(_short, value))
     return NOT_DETERMINED if value is None else f"{value:.4g}" if isinstance(value, float) else str(value)
@@ -91,7 +91,7 @@ def _short(value):
 
 @figure("estimate", caption="Each part of the record by itself (points), and all (line, band).")
 def by_part(estimate):
-    """Determined parameters, a panel each."""
+    """Figure with a panel for each determined parameter: its value by part of the record; None with one part."""
     known = np.flatnonzero(np.isfinite(estimate["value"].values))
     if not known.size or estimate.sizes["part"] < 2:
         return None
@@ -105,10 +105,10 @@ def by_part(estimate):
     for panel, index in zip(panels.ravel(), known, strict=False):
         value, sigma = float(estimate["value"][index]), float(estimate["sigma"][index])
         name, unit = str(estimate["parameter"].values[index]).replace("_", " "), str(estimate["unit"].values[index])
-        factor, shown = prefixed(max(abs(value), sigma), unit)
-        own, error = (factor * estimate[f"part_{which}"].values[:, index] for which in ("value", "sigma"))
-        bars(panel, number, own, error, color=COLOURS["blue"], markersize=3, capsize=0)
+        factor, unit_text = prefixed(max(abs(value), sigma), unit)
+        part_value, error = (factor * estimate[f"part_{which}"].values[:, index] for which in ("value", "sigma"))
+        bars(panel, number, part_value, error, color=COLOURS["blue"], markersize=3, capsize=0)
         panel.axhline(factor * value, color=COLOURS["vermilion"])
         panel.axhspan(factor * (value - sigma), factor * (value + sigma), color=COLOURS["vermilion"], alpha=0.2)
-        panel.set_title(", ".join(text for text in (name, shown) if text))
+        panel.set_title(", ".join(text for text in (name, unit_text) if text))
     return figure

@@ -1,4 +1,4 @@
-"""Pages of the reports: what a calibration declares, drawn and written into one self-contained file.
+"""Pages of the reports: tables and figures that a calibration declares, written into one self-contained file.
 
 A calibration's page stands in one module, `gravcal/calibrations/<name>/page.py`, and what it says in words in a file
 beside it, `page.toml`: captions, heads and notes, labels and places of panels (`Words`). The module holds the rows of
@@ -58,13 +58,13 @@ class Figure:
 
 
 def figure(*reads: str, caption: str) -> Callable[[Callable], Figure]:
-    """Decorator: a function that draws, as the `Figure` of the products that it reads."""
+    """Decorator: function (*Datasets of ``reads``) -> matplotlib Figure or None, as a `Figure`."""
     return lambda draw: Figure(draw, reads, caption)
 
 
 @dataclass(frozen=True)
 class Words:
-    """What a page says in words, as its TOML file has it, in tables by name; texts are Jinja templates."""
+    """Texts of a page from its TOML file, in tables by name; texts are Jinja templates."""
 
     #: fields of a `Table` but for its rows; of `strong` -1 is the last row. In place of heads there may be columns,
     #: [head, expression of the entries of a record] each, and `each`, the records as an expression of the document
@@ -76,10 +76,10 @@ class Words:
     forms: jinja2.Environment  #: of templates and expressions; filters are functions of `plain` and of the page
 
     def table(self, name: str, content: Sequence | Mapping, /, **values) -> Table:
-        """Table of rows, of records where there are columns, of a document where it says `each`.
+        """Table of content: rows; or records, if its TOML has "columns"; or a document, if it has "each".
 
-        Values are fields of the table, or known to its texts and cells. Of a mapping each record knows its "key", of
-        what is no record the "value", of all the number "k".
+        Values are fields of the table, or variables of its texts and cells. Cells see the entries of their record, its
+        number "k", its "key" in a mapping, and "value" if it is no record.
         """
         fields = self.tables[name] | {key: one for key, one in values.items() if key in Table.__dataclass_fields__}
         if "each" in fields:
@@ -100,7 +100,7 @@ class Words:
         One whose file names no panels makes its own and returns a matplotlib Figure.
         """
 
-        def declared(draw):
+        def declared(draw):  # Figure
             look = dict(self.figures[draw.__name__.lstrip("_")])
             caption = self.forms.from_string(look.pop("caption")).render()
             if "panels" not in look:
@@ -108,7 +108,7 @@ class Words:
             rows, columns = look.pop("panels")
 
             @wraps(draw)
-            def drawn(*inputs):
+            def drawn(*inputs):  # matplotlib Figure, None if all panels are empty
                 made, panels = grid(rows, columns, **look)
                 draw(np.squeeze(panels)[()], *inputs)
                 return made if any(panel.has_data() for panel in made.axes) else None
@@ -118,11 +118,11 @@ class Words:
         return declared
 
     def note(self, name: str, /, **values) -> str:
-        """Text of this name."""
+        """Text of this name, rendered with these values."""
         return self.forms.from_string(self.notes[name]).render(values)
 
     def said(self, name: str, /, **values) -> list[str]:
-        """Texts in the list of this name, without those that say nothing of these values."""
+        """Texts in the list of this name, rendered with these values, without empty ones."""
         return [text for text in (self.forms.from_string(text).render(values) for text in self.notes[name]) if text]
 
 
@@ -135,7 +135,7 @@ def _records(content):
 
 
 def words(module: str, name: str, **forms: Callable) -> Words:
-    """Words of a page, from the file of that name beside a module; forms are filters beside those of `plain`."""
+    """Words of a page from the TOML file ``name`` next to a module file; forms are Jinja filters added to `plain`."""
     content = tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8"))
     content["styles"] = _coloured(content.get("styles", {}))
     known = jinja2.Environment(undefined=jinja2.StrictUndefined)
@@ -162,9 +162,9 @@ class Section:
 
 
 def report(calibration, body, products, checks, sections, *, event, settings, **about) -> tuple[dict, dict[str, str]]:
-    """Result document of what was found, judged, and files of a report {name: text}; see `documents.delivered`.
+    """(result document, judged; {"result.json", "report.html": text}); see `documents.delivered`.
 
-    Sections are a function of the judged document; about is what else `page` takes.
+    Sections: function (judged document) -> [Section]; about: other keywords of `page`.
     """
     document = documents.delivered(calibration, body, products, checks, event=event, settings=settings)
     html = page(document, sections(document), products, **about)
@@ -185,8 +185,8 @@ def page(
     """Page (HTML) of an event from its judged document; the same content gives the same text.
 
     Products are {stage or "stage.variant": Dataset or None}, badges (title, good, text) each, lines title and
-    text of what was delivered in a file of its own. The heading says what was calibrated, the subtitle what was looked
-    at, good is None where that is not asked.
+    text of a delivered file such as vector lines. The heading names the calibration, the subtitle the data; good:
+    verdict met, missed, or None where that is not asked.
     """
     numbers = itertools.count(1)
     shown = [_shown(section, document, products, numbers) for section in sections]
@@ -208,7 +208,7 @@ def page(
 
 
 def _shown(section, document, products, numbers):
-    """Section as the template takes it; figures are drawn, and numbered if there is something to draw."""
+    """Section as a dict for the template; figures are drawn, and numbered by ``numbers`` (iterator) if not empty."""
     figures = []
     for one in section.figures:
         inputs = arguments(one, products)
@@ -225,26 +225,26 @@ MOODS = {True: "good", False: "bad", None: ""}
 
 
 def arguments(one: Figure, products: Mapping) -> list:
-    """What a figure draws: the products that it reads, None for one that is missing, unless it says what else."""
+    """Arguments of ``one.draw``: ``one.arguments``, or the Datasets that it reads, None for a missing one."""
     inputs = [] if one.arguments is None else list(one.arguments)
     for name in one.reads if one.arguments is None else ():
-        start, known = name.removesuffix("*"), {key: made for key, made in products.items() if made is not None}
-        variants = {key.removeprefix(start): made for key, made in known.items() if key.startswith(start)}
-        inputs.append(known.get(name) if start == name else variants)
+        prefix, known = name.removesuffix("*"), {key: data for key, data in products.items() if data is not None}
+        variants = {key.removeprefix(prefix): data for key, data in known.items() if key.startswith(prefix)}
+        inputs.append(known.get(name) if prefix == name else variants)
     return inputs
 
 
 def _source(document, reads):
-    """Products with the digests that the provenance lists."""
+    """Text "product digest, ..." of the products read, digests from the provenance."""
     digests, names = document["provenance"].get("products", {}), []
     for name in (f"{document['calibration']}.{name}" for name in reads):
-        start = name.removesuffix("*")
-        names += [name] if start == name else [key for key in digests if key.startswith(start)]
+        prefix = name.removesuffix("*")
+        names += [name] if prefix == name else [key for key in digests if key.startswith(prefix)]
     return ", ".join(f"{name} {digests.get(name, '')[:12]}".rstrip() for name in names)
 
 
 def true_units(text: str) -> str:
-    """Text of the terminal with the signs that a page can show."""
+    """Terminal text with typographic signs: ±, µ, −, superscripts."""
     signs = {"+-": "±", " um": " µm", " urad": " µrad", " -": " −", "m/s2": "m/s²", "m s-2": "m s⁻²"}
     for typed, sign in signs.items():
         text = text.replace(typed, sign)
@@ -252,7 +252,7 @@ def true_units(text: str) -> str:
 
 
 def flat(values: Mapping, before: str = "") -> list[tuple[str, str]]:
-    """Names and texts of nested settings or provenance; long ones shortened."""
+    """[(name, text)] of nested settings or provenance, sorted; texts of 60 characters or more shortened."""
     rows = []
     for name, value in sorted(values.items()):
         if isinstance(value, dict):
@@ -264,7 +264,7 @@ def flat(values: Mapping, before: str = "") -> list[tuple[str, str]]:
 
 
 def render(template: str, **content) -> str:
-    """Text of a template of this package; beside an event that was not measured printed values are marked."""
+    """HTML of a template of this package; captions note if printed values stand next to data not measured."""
     origin = content.get("document", {}).get("origin", "measured")
     if origin != "measured":
         content["sections"] = [_marked(section, origin) for section in content["sections"]]
@@ -273,10 +273,10 @@ def render(template: str, **content) -> str:
 
 
 def _marked(section, origin):
-    """Section whose tables and figures with printed values say that these are of other data."""
+    """Section (dict); captions of tables and figures with "printed" say that printed values are of measured data."""
     mark = f" What is printed belongs to measured data, this event is {origin}."
 
-    def marked(one):
+    def marked(one):  # table or figure (dict)
         words = " ".join([one["caption"], *one.get("heads", ())]).lower()
         return one | {"caption": one["caption"] + mark * ("printed" in words)}
 
@@ -285,6 +285,6 @@ def _marked(section, origin):
 
 @lru_cache(maxsize=2)
 def environment(package: str, folder: str) -> jinja2.Environment:
-    """Templates in a folder of a package, which escape what they are given and refuse what they are not."""
+    """Jinja environment of the templates in a folder of a package: escapes values, raises for undefined names."""
     how = {"autoescape": True, "undefined": jinja2.StrictUndefined, "trim_blocks": True, "lstrip_blocks": True}
     return jinja2.Environment(loader=jinja2.PackageLoader(package, folder), **how)

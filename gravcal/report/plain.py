@@ -1,4 +1,4 @@
-"""Plain values of a result document (what is not known becomes null, never NaN), and numbers as people read them."""
+"""Plain values of a result document (not finite becomes null, never NaN), and numbers formatted for readers."""
 
 import csv
 import datetime
@@ -20,7 +20,7 @@ def number(value):
 
 
 def numbers(values):
-    """Nested lists of an array (...) with None for what is not finite."""
+    """Nested lists of an array (...), None in place of NaN and infinity."""
     return as_plain(np.asarray(values, dtype=float).tolist())
 
 
@@ -32,7 +32,7 @@ def estimate(value, sigma):
 
 
 def offset_block(offset, covariance, determined, name="offset", unit="um"):
-    """Vector (3,) m with its covariance (3, 3) m2 in another unit; undetermined components are null everywhere."""
+    """{name_unit, sigma_unit, covariance_unit2} of a vector (3,) m, covariance (3, 3) m2; undetermined ones None."""
     factor = {"um": 1e6, "mm": 1e3}[unit]
     offset, matrix = (np.asarray(one, dtype=float) * factor**power for one, power in ((offset, 1), (covariance, 2)))
     variance = np.diag(matrix)
@@ -47,7 +47,7 @@ def offset_block(offset, covariance, determined, name="offset", unit="um"):
 
 
 def chi_square_test(chi2, dof):
-    """Chi-square, its degrees of freedom, and the probability "p" of a larger one; null with dof 0 where untested."""
+    """{"chi2", "dof", "p": probability of a larger chi-square}; None, 0, None where it cannot be tested."""
     chi2, dof = number(chi2), int(dof)
     if chi2 is None or dof <= 0:
         return {"chi2": None, "dof": 0, "p": None}
@@ -55,7 +55,7 @@ def chi_square_test(chi2, dof):
 
 
 def as_plain(value):
-    """Mappings, sequences and numbers as JSON has them; anything else as text."""
+    """Value as JSON types: dict, list, int, float (None if not finite), None; anything else as text."""
     if isinstance(value, dict) or hasattr(value, "items"):
         return {str(key): as_plain(item) for key, item in value.items()}
     if isinstance(value, (list, tuple)):
@@ -68,7 +68,7 @@ def as_plain(value):
 
 
 def csv_text(heads, rows):
-    """Table as the text of a CSV file; what is None is empty."""
+    """CSV text of heads and rows; None is an empty cell."""
     text = io.StringIO()
     csv.writer(text, lineterminator="\n").writerows([heads, *rows])
     return text.getvalue()
@@ -86,7 +86,7 @@ NOT_DETERMINED = "–"
 
 
 def signed(value, digits):
-    """Number with a true minus sign; zero without one; what is None is not determined."""
+    """Text of a number with a true minus sign, zero without; NOT_DETERMINED for None."""
     if value is None:
         return NOT_DETERMINED
     text = f"{value:.{digits}f}"
@@ -96,7 +96,7 @@ def signed(value, digits):
 
 
 def plus_minus(value, sigma, total=None, digits=None):
-    """Value with its error, and the total error in brackets; digits by the error unless given."""
+    """Text "value ± sigma (total sigma)"; decimals by sigma unless stated."""
     if value is None or sigma is None:
         return NOT_DETERMINED
     if digits is None:
@@ -106,18 +106,18 @@ def plus_minus(value, sigma, total=None, digits=None):
 
 
 def both(estimate, digits=None, index=None):
-    """Value with its error of an {"value", "sigma"}, of one component of vectors."""
+    """Text "value ± sigma" of {"value", "sigma"}, both numbers or (index set) vectors."""
     value, sigma = (estimate[key] if index is None else estimate[key][index] for key in ("value", "sigma"))
     return plus_minus(value, sigma, digits=digits)
 
 
 def scientific(value, digits=2):
-    """Number with a power of ten; what is None is not determined."""
+    """Text of a number with a power of ten; NOT_DETERMINED for None."""
     return NOT_DETERMINED if value is None else f"{value:.{digits}e}"
 
 
 def printed(record, index):
-    """Printed value and error of one component as in print."""
+    """Text "value ± sigma" of one component of a Published record, with printed digits; record may be None."""
     if record is None or record.value[index] is None:
         return NOT_DETERMINED
     sigma = record.sigma[index]
@@ -125,14 +125,14 @@ def printed(record, index):
 
 
 def probability(value):
-    """Probability with two digits."""
+    """Text of a probability: two decimals, three below 0.095, "< 0.001"; NOT_DETERMINED for None."""
     if value is None:
         return NOT_DETERMINED
     return f"{value:.2f}" if value >= 0.095 else f"{value:.3f}" if value >= 0.001 else "< 0.001"
 
 
 def chi_square(test, with_probability=True):
-    """Chi-square over its degrees of freedom."""
+    """Text "chi-square / degrees of freedom, p" of a `chi_square_test`."""
     if test["chi2"] is None:
         return NOT_DETERMINED
     text = f"{test['chi2']:.1f} / {test['dof']}"
@@ -145,7 +145,7 @@ PREFIXED = ("m", "rad", "T", "V", "N", "A", "s", "Hz", "F", "W")
 
 
 def prefixed(size, unit):
-    """Factor from an SI unit ("m s-2", "1", or empty) to the one that suits a size, and its text ("nm s⁻²", "%")."""
+    """(factor, text "nm s⁻²" or "%") from an SI unit ("m s-2", "1", "") to the prefixed unit that suits a size."""
     power = 3 * math.floor(math.log10(size) / 3) if size > 0 and math.isfinite(size) else 0
     text = re.sub(r"-?\d+", lambda match: match[0].translate(SUPERSCRIPTS), "" if unit == "1" else unit)
     if unit == "1" and 1e-4 <= size < 10:
@@ -159,12 +159,12 @@ def prefixed(size, unit):
 
 
 def quantity(value, sigma, unit):
-    """Value with its error and a unit that suits both, two digits of the error: "2.00 ± 0.12 %"."""
+    """Text of value and sigma in the unit that suits both, two digits of sigma: "2.00 ± 0.12 %"."""
     return " ".join(measured(value, sigma, unit)).rstrip()
 
 
 def measured(value, sigma, unit):
-    """Value with its error, and the unit that suits both."""
+    """("value ± sigma", unit) in the prefixed unit that suits both; NOT_DETERMINED for a value of None."""
     if value is None:
         return NOT_DETERMINED, unit
     factor, text = prefixed(max(abs(value), sigma or 0.0), unit)
@@ -175,5 +175,5 @@ def measured(value, sigma, unit):
 
 
 def decimals(sigma):
-    """Decimals that show two digits of an error."""
+    """Number of decimals that shows two digits of an error, 1 for 0 or None."""
     return max(0, 1 - math.floor(math.log10(sigma))) if sigma else 1

@@ -1,1 +1,1 @@
-"""Products, their keys and records, and what was run: the store."""
+"""The store: products, their keys and records, configurations, and records of runs."""

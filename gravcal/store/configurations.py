@@ -19,18 +19,18 @@ from gravcal.errors import CatalogError, refuse
 from gravcal.store import location
 from gravcal.store.location import OPERATIONAL
 
-CATALOGUE = "catalogue"  # what is operational before anything is promoted
+CATALOGUE = "catalogue"  # name of the configuration that is operational before any promotion
 NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9._,+-]{0,79}")
-#: A value of a model and its sigma, from short to all digits, until two models are apart.
+#: Formats of value and sigma of a model parameter, from few to all digits; the first that shows two models to differ.
 SHOWN = ("{0:#.3g}", "{0:#.6g}", "{0!r}", "{0!r} +- {1:.3g}")
-MOST = 6  # parameters of a model that are said
-OF_ONE_DAY = {"truth"}  # names a file of one day: no choice of processing
+MOST = 6  # parameters of a model that a text names
+OF_ONE_DAY = {"truth"}  # settings that name a file of one day: no choice of processing
 
 
 def chosen(calibration, settings, name=None):
-    """Parameters of a run and the name of its configuration; nothing is recorded.
+    """Parameters of a run, with its settings and the name of its configuration; nothing is written.
 
-    Settings: texts or values by name, as of ``--set`` and ``--model``; without any, those of the recorded experiment.
+    settings : {name: text or value} as of ``--set`` and ``--model``; {}: those of the recorded experiment ``name``.
     """
     catalogue, used = parameters(calibration), operational(calibration)["settings"]
     if name not in (None, OPERATIONAL):
@@ -52,27 +52,27 @@ def chosen(calibration, settings, name=None):
         digest = hashlib.sha256(json.dumps(changed, sort_keys=True).encode()).hexdigest()[:8]
         causes = lambda model: "+".join(dict.fromkeys(one["cause"] for one in json.loads(model)))  # noqa: E731
         parts = {n: causes(v) if n == "model" else json.dumps(v).strip('"') for n, v in changed.items()}
-        plain = ",".join(f"{n}-{text}" for n, text in parts.items())
-        clean = re.sub(r"[^A-Za-z0-9._,+-]+", "_", plain)[:60].rstrip("_,")
-        name = clean if clean == plain and "model" not in changed else f"{clean}-{digest}"
+        label = ",".join(f"{n}-{text}" for n, text in parts.items())
+        safe = re.sub(r"[^A-Za-z0-9._,+-]+", "_", label)[:60].rstrip("_,")
+        name = safe if safe == label and "model" not in changed else f"{safe}-{digest}"
     name = name or CATALOGUE
     known = _recorded(calibration, name)
     if known is not None and known["settings"] != changed or name == CATALOGUE and changed:
-        was = ", ".join(said(known["settings"] if known else {}))
+        meaning = ", ".join(said(known["settings"] if known else {}))
         remedy = f"Give another name with --as, or remove it: gravcal products prune --configuration {name}."
-        _refuse(calibration, name, ", ".join(said(changed)), f"{was}, for which it stands", remedy)
+        _refuse(calibration, name, ", ".join(said(changed)), f"{meaning}, for which it stands", remedy)
     return dataclasses.replace(choice, configuration=name)
 
 
 def changes(chosen):
-    """Settings in which chosen Parameters differ from the catalogue, as JSON holds them."""
+    """{setting: JSON value} in which chosen Parameters differ from the catalogue, sorted."""
     before = parameters(chosen.calibration).entries
     different = {n: e.value for n, e in chosen.entries.items() if e.value != before[n].value and n not in OF_ONE_DAY}
     return {name: list(value) if isinstance(value, tuple) else value for name, value in sorted(different.items())}
 
 
 def record(chosen):
-    """The same parameters; what an experiment stands for is kept, the operational configuration needs no record."""
+    """Write the settings of an experiment to its file, unless it is there already; returns the same Parameters."""
     name = chosen.configuration
     if name not in (OPERATIONAL, CATALOGUE) and _recorded(chosen.calibration, name) is None:
         kept = {"calibration": chosen.calibration, "name": name, "settings": changes(chosen), "recorded": _now()}
@@ -81,12 +81,12 @@ def record(chosen):
 
 
 def names(calibration):
-    """Names of the recorded experiments."""
+    """Names of the recorded experiments of a calibration, sorted."""
     return sorted(path.stem for path in _path(calibration, "x").parent.glob("[!.]*.json"))
 
 
 def settings_of(calibration, name):
-    """Settings in which a recorded experiment, "operational" or "catalogue" differs from the catalogue."""
+    """{setting: value} in which a recorded experiment, "operational" or "catalogue" differs from the catalogue."""
     if name == CATALOGUE:
         return {}
     if name == OPERATIONAL:
@@ -106,7 +106,7 @@ def operational(calibration):
 
 
 def promotions(calibration):
-    """All promotions, the oldest first."""
+    """Promotions of a calibration, list of dict as of `operational`, the oldest first."""
     path = _path(calibration, "promotions").with_suffix(".jsonl")
     try:
         lines = path.read_text(encoding="utf-8").splitlines() if path.exists() else []
@@ -125,7 +125,7 @@ def promoted():
 
 
 def promote(calibration, name, why, who=None):
-    """Make a configuration operational and return the promotion; "catalogue" takes back what was promoted."""
+    """Make a configuration operational and return the promotion (dict); "catalogue" reverts all promotions."""
     settings = settings_of(calibration, name)
     _with(parameters(calibration), settings, name)
     if not why.strip():
@@ -141,43 +141,43 @@ def promote(calibration, name, why, who=None):
 
 
 def said(settings):
-    """Settings as short texts: "noise_order=25"; a model by its parameters."""
+    """Settings {name: value} as short texts, ["noise_order=25", ...]; a model by its parameters."""
     return [f"{n}={_model(v) if n == 'model' and v else v}" for n, v in settings.items()] or ["the catalogue"]
 
 
 def models_apart(old, new):
-    """What tells two models apart, JSON texts or "": of what, such as "torque.dipole_gain rod_y ", old and new text."""
+    """[(parameter "torque.dipole_gain rod_y ", old text, new text)] in which two models, JSON or "", differ."""
     if not (old and new):
         return [("", _model(old), _model(new))]
-    each, differences = [(_values(old, shown), _values(new, shown)) for shown in SHOWN], []
-    for name in dict.fromkeys([*each[0][0], *each[0][1]]):
-        pairs = [(a.get(name, "none"), b.get(name, "none")) for a, b in each]
+    texts, differences = [(_values(old, shown), _values(new, shown)) for shown in SHOWN], []
+    for name in dict.fromkeys([*texts[0][0], *texts[0][1]]):
+        pairs = [(a.get(name, "none"), b.get(name, "none")) for a, b in texts]
         differences += [(f"{name} ", *pair) for pair in pairs if pair[0] != pair[1]][:1]
     return differences or [("", "the same values", "other correlations, shapes or result")]
 
 
 def _model(model):
-    """A model as words: "torque.dipole_gain rod_y 0.0298", "none"."""
+    """Text "torque.dipole_gain rod_y 0.0298 unit, ..." of a model (JSON), "none" of ""."""
     words = [f"{name} {value}" for name, value in _values(model).items()]
     return ", ".join(words[:MOST] + [f"{len(words) - MOST} more"] * (len(words) > MOST)) or "none"
 
 
 def _values(model, shown=SHOWN[0]):
-    """Values of a model with their units, as texts by cause, parameter and the days they hold for."""
+    """{"cause parameter days": "value unit"} of a model (JSON or ""); shown: format of value and sigma."""
     texts = {}
-    for one in json.loads(model or "[]"):
-        days = "".join(f" {word} {one[word]}" for word in ("from", "to") if word in one)
+    for effect in json.loads(model or "[]"):
+        days = "".join(f" {word} {effect[word]}" for word in ("from", "to") if word in effect)
         values = {
             f" {name}": f"{shown.format(p['value'], p.get('sigma', 0.0))} {p.get('unit', '1')}".removesuffix(" 1")
-            for name, p in one["parameters"].items()
+            for name, p in effect["parameters"].items()
         }
         for name, value in (values or {"": "by its shape"}).items():
-            texts.setdefault(one["cause"] + name + days, []).append(value)
+            texts.setdefault(effect["cause"] + name + days, []).append(value)
     return {name: " + ".join(values) for name, values in texts.items()}
 
 
 def _with(catalogue, settings, name):
-    """Parameters of the catalogue with the settings of a configuration, which an older catalogue may have known."""
+    """Parameters of the catalogue with the settings of a configuration; refused if it no longer takes them."""
     try:
         return catalogue.with_settings(settings)
     except CatalogError as error:
@@ -185,13 +185,13 @@ def _with(catalogue, settings, name):
         _refuse(catalogue.calibration, name, str(error), "settings of this catalogue", remedy)
 
 
-def _check_name(name):
+def _check_name(name):  # CatalogError unless the name of an experiment fits `NAME`
     if not NAME.fullmatch(name):
         expected = "expected letters, digits and . _ , + -, at most 80, a letter or digit first"
         raise CatalogError(f"--as {name!r}: {expected}.", found=name)
 
 
-def _recorded(calibration, name):
+def _recorded(calibration, name):  # {"settings": ...} of the file of an experiment, None without a file
     path = _path(calibration, name)
     try:
         recorded = json.loads(path.read_bytes()) if path.exists() else None
@@ -202,19 +202,19 @@ def _recorded(calibration, name):
     return recorded
 
 
-def _refuse(calibration, name, fault, expected, remedy):
+def _refuse(calibration, name, fault, expected, remedy):  # CatalogError on the configuration ``name``
     where = f"configuration {name} of {calibration}"
     refuse(where, fault, expected, remedy, CatalogError, configuration=name)
 
 
 def _broken(path, fault):
-    """CatalogError for a record that cannot be read."""
+    """CatalogError (to raise) for a configuration file that cannot be read."""
     return CatalogError(f"{path}: {fault}; expected a record as gravcal writes it. Put it back, or remove the file.")
 
 
-def _path(calibration, name):
+def _path(calibration, name):  # file of an experiment, whether it exists or not
     return location.folder() / "configurations" / calibration / f"{name}.json"
 
 
-def _now():
+def _now():  # UTC, ISO 8601
     return datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")

@@ -1,10 +1,10 @@
-"""How products came about: why one has to be made, what it was made of, and what the last run of each event did.
+"""Provenance of products: why one has to be made, its inputs down to raw files, and the last run of each event.
 
     runs/<event>.<flow>.json          one record, replaced by the next run; products do not depend on it
     runs/<event>.<flow>@<NAME>.json   the same of the experiment of that name
 
-The store says what there is; only the run knows what it found there already. ``gravcal browse`` shows both. A run that
-fails after one that did not, such as one from a folder without the files, takes nothing from that: it stands beside it.
+The store holds products; only the record of a run says which it reused. ``gravcal browse`` shows both. A run that
+fails after one that did not, such as one from a folder without the files, is added to that record as its "attempt".
 """
 
 import collections
@@ -21,48 +21,48 @@ from gravcal.store import configurations, keys, location, store
 ABSENT = "(absent)"
 REMAKE = "GRAVCAL_REMAKE_VERSIONS"  # "1": products that other versions of these made are made again
 NUMERICAL = ("numpy", "scipy", "numba")
-SEEN = 25  # events whose times say what a stage takes
-MOVED = "moved_"  # variant of records without a model that was moved by its error
-AUXILIARY = ("GFC", "TRUTH")  # files that are read beside the Level-1 files of an event
+SEEN = 25  # products whose computing times give the usual one of a stage
+MOVED = "moved_"  # begin of the variant of records less a model moved by its error
+AUXILIARY = ("GFC", "TRUTH")  # products of files of an event that are not Level-1 data
 
 
 def why(recipe, modules):
-    """Reasons why a product has to be made, the most telling first: its recipe beside that of the newest of its name.
+    """Reasons (list of text) why the product of a recipe has to be made: differences from the newest of its name.
 
     What an experiment never made is compared with the operational product; an input whose digest is None is not
-    known yet. Such as "lowpass_hz: 0.5 -> 0.7", "input com_offset.align changed", "never made".
+    known yet. Examples: "lowpass_hz: 0.5 -> 0.7", "input com_offset.align changed", "never made".
     """
     record = store.newest_record(recipe["event"], _name(recipe))
     return compared(record, {"recipe": recipe, "modules": modules}, otherwise=()) if record else ["never made"]
 
 
 def other_versions(ref):
-    """Numerical libraries of which another version made a product, as text: "made by numpy 2.1.0, here 2.2.1"."""
-    made, here = (store.read_record(ref.folder) or {}).get("versions", {}), keys.versions()
-    other = [name for name in NUMERICAL if made.get(name, here[name]) != here[name]]
-    return [f"made by {name} {made[name]}, here {here[name]}" for name in other]
+    """["made by numpy 2.1.0, here 2.2.1"] for each of `NUMERICAL` of which another version made a product (ref)."""
+    versions, here = (store.read_record(ref.folder) or {}).get("versions", {}), keys.versions()
+    other = [name for name in NUMERICAL if versions.get(name, here[name]) != here[name]]
+    return [f"made by {name} {versions[name]}, here {here[name]}" for name in other]
 
 
 def other_versions_said(reasons):
-    """Sentence on the products of other versions that are reused, "" where there are none."""
+    """Sentence that counts reused products by their reasons of `other_versions`, "" where there are none."""
     said = "; ".join(f"{count} {reason}" for reason, count in collections.Counter(reasons).items())
     return f"products reused: {said}. {REMAKE}=1 makes them again." if said else ""
 
 
 def remakes_versions():
-    """True if products that other versions made are to be made again."""
+    """True if products made by other versions of the numerical libraries are to be made again (`REMAKE`)."""
     return os.environ.get(REMAKE, "0") not in ("", "0")
 
 
 def compared(old_record, new_record, otherwise=("event or variant",)):
-    """What differs between the records of two products of one stage, such as "lowpass_hz: 0.5 -> 0.7"."""
+    """["lowpass_hz: 0.5 -> 0.7", ...]: differences of the records of two products of one stage; otherwise if none."""
     old, new = old_record["recipe"], new_record["recipe"]
     reasons = _reasons(old["settings"], new["settings"])
     if old["version"] != new["version"]:
         reasons.append(f"version {old['version']} -> {new['version']}")
-    stated = [recipe.get("origin", ABSENT) or "as files say" for recipe in (old, new)]
-    if stated[0] != stated[1]:
-        reasons.append(f"origin: {stated[0]} -> {stated[1]}")
+    origins = [recipe.get("origin", ABSENT) or "as files say" for recipe in (old, new)]
+    if origins[0] != origins[1]:
+        reasons.append(f"origin: {origins[0]} -> {origins[1]}")
     before, after = ({item.get("file") or _name(item): item for item in recipe["inputs"]} for recipe in (old, new))
     reasons += [f"input {name} added" for name in after if name not in before]
     reasons += [f"input {name} removed" for name in before if name not in after]
@@ -73,73 +73,73 @@ def compared(old_record, new_record, otherwise=("event or variant",)):
 
 
 def usual_seconds(stage, event=None):
-    """Seconds that a stage took for an event, the least of its configurations: a first one compiles kernels.
+    """Seconds (float) a stage took for an event, the least of its configurations: a first one compiles kernels.
 
     Without an event, or where it has none, the median over others; None where the stage never ran.
     """
-    own = [*store.links(f"{event}/{stage}"), *store.links(f"{event}/as/*/{stage}")] if event else []
-    records = [store.read_record(folder) for _, folder in own or store.links(f"*/{stage}")[-SEEN:]]
-    return (min if own else statistics.median)([one["seconds"] for one in records if one] or [None])
+    of_event = [*store.links(f"{event}/{stage}"), *store.links(f"{event}/as/*/{stage}")] if event else []
+    records = [store.read_record(folder) for _, folder in of_event or store.links(f"*/{stage}")[-SEEN:]]
+    return (min if of_event else statistics.median)([one["seconds"] for one in records if one] or [None])
 
 
 def remade(entries, setting):
-    """Keys of those products that another value of a setting makes again: it enters them, or what they are made of."""
-    again = {one.ref.key for one in entries if _takes(one.record["recipe"]["settings"], setting)}
-    while more := {one.ref.key for one in entries if again & {p.get("key") for p in one.record["from"]}} - again:
-        again |= more
-    return again
+    """Keys (set) of the entries that a change of a setting remakes: those with the setting, and all made from them."""
+    stale = {one.ref.key for one in entries if _takes(one.record["recipe"]["settings"], setting)}
+    while more := {one.ref.key for one in entries if stale & {p.get("key") for p in one.record["from"]}} - stale:
+        stale |= more
+    return stale
 
 
-def _takes(settings, name):
+def _takes(settings, name):  # True if nested settings have an entry of that name
     return name in settings or any(isinstance(one, dict) and _takes(one, name) for one in settings.values())
 
 
 def why_different(old_key, new_key):
-    """Why two products of one stage differ, in all that they were made of: settings, versions, code, data and files.
+    """Reasons (list of text) why two products (keys) of one stage differ, from settings, code, files of all ancestors.
 
     Settings that a report repeats from the stages before it count once. Of models only that of the nearest ancestor
     with one is compared: products "moved_*" and the settings "added" and "configuration" follow from it. An old key of
     None is a run without a model, of which nothing else is known.
     """
     sides = [[one for one in store.ancestry(*[key] * bool(key)).values() if one] for key in (old_key, new_key)]
-    moved = lambda one: one["recipe"]["variant"].startswith(MOVED)  # noqa: E731
-    models = [next(filter(None, map(model_of, sorted(side, key=moved))), "") for side in sides]
+    is_moved = lambda one: one["recipe"]["variant"].startswith(MOVED)  # noqa: E731
+    models = [next(filter(None, map(model_of, sorted(side, key=is_moved))), "") for side in sides]
     old, new = ({(_name(one["recipe"]), one["stage"]): one for one in side[::-1]} for side in sides)
     before, after = ({_name(one["recipe"]): one for one in side[::-1]} for side in sides)
     pairs = [(old[key], new[key]) for key in reversed(new) if key in old]  # as two stages may write one kind
-    both = {_name(one["recipe"]) for one, _ in pairs}
-    pairs += [(before[name], after[name]) for name in reversed(after) if name in before and name not in both]
+    paired = {_name(one["recipe"]) for one, _ in pairs}
+    pairs += [(before[name], after[name]) for name in reversed(after) if name in before and name not in paired]
     reasons = [one.removeprefix("settings.") for pair in pairs for one in compared(*pair, otherwise=())]
     names = {_name(one["recipe"]) for side in sides for one in side}
-    derived = {f"input {name} {word}" for name in names for word in ("changed", "added", "removed")}
-    follows = ("configuration: ", *(("model: ", "added: ") if any(models) else ()))
-    reasons = [one for one in dict.fromkeys(reasons) if one not in derived and not one.startswith(follows)]
+    of_inputs = {f"input {name} {word}" for name in names for word in ("changed", "added", "removed")}
+    implied = ("configuration: ", *(("model: ", "added: ") if any(models) else ()))
+    reasons = [one for one in dict.fromkeys(reasons) if one not in of_inputs and not one.startswith(implied)]
     return _reasons(*({"model": one} for one in models)) + reasons
 
 
 def model_of(record):
-    """Extended model in the settings of a product, or in those that a report repeats, as JSON text; "" without one."""
+    """Extended model (JSON) in the settings of a product's record, or of those that a report repeats; "" without."""
     settings = record["recipe"]["settings"]
     known = settings.get("settings")
     return _model(settings.get("model")) or _model(known.get("model") if isinstance(known, dict) else "")
 
 
-def _model(value):
+def _model(value):  # setting if it is the JSON text of a model, else ""
     return value if isinstance(value, str) and value.startswith("[{") else ""
 
 
 def changed(old_record, new_record):
-    """Parts of the code, and data files that it reads, that changed, came or went between two records, as reasons."""
+    """["code changed: names", "data changed: files"] of modules and data files that differ between two records."""
     if old_record["recipe"]["code"] == new_record["recipe"]["code"]:
         return []
     old, new = old_record["modules"], new_record["modules"]
     names = sorted(name for name in set(old) | set(new) if old.get(name) != new.get(name)) or ["(unknown)"]
     parts = {"code": [name for name in names if "/" not in name], "data": [name for name in names if "/" in name]}
-    return [f"{what} changed: {', '.join(own)}" for what, own in parts.items() if own]
+    return [f"{label} changed: {', '.join(changed_names)}" for label, changed_names in parts.items() if changed_names]
 
 
 def differences(old, new, name=""):
-    """Settings that differ, named to the depth where they do: (name, of what, old, new), a model by its parameters."""
+    """(dotted name, parameter of a model or "", old text, new text) of each difference of two nested settings."""
     if isinstance(old, dict) and isinstance(new, dict):
         for key in sorted(set(old) | set(new)):
             yield from differences(old.get(key, ABSENT), new.get(key, ABSENT), f"{name}.{key}" if name else key)
@@ -149,21 +149,21 @@ def differences(old, new, name=""):
             yield from ((name, *one) for one in configurations.models_apart(*models))
             return
         texts = [str(old), str(new)]  # long ones from shortly before they differ
-        start = max(len(os.path.commonprefix(texts)) - 20, 0) if max(map(len, texts)) > 60 else 0
-        tails = ["..." * bool(start) + text[start:] for text in texts]
+        begin = max(len(os.path.commonprefix(texts)) - 20, 0) if max(map(len, texts)) > 60 else 0
+        tails = ["..." * bool(begin) + text[begin:] for text in texts]
         yield (name, "", *(text if len(text) <= 60 else text[:57] + "..." for text in tails))
 
 
-def _reasons(old, new):
+def _reasons(old, new):  # ["name: old -> new"] of two settings
     return [f"{name}: {of}{a} -> {b}" for name, of, a, b in differences(old, new)]
 
 
-def _name(recipe):
+def _name(recipe):  # "kind.variant" of a recipe
     return ".".join(part for part in (recipe["kind"], recipe["variant"]) if part)
 
 
 def tree(entry):
-    """A product with all it was made of, down to the raw files, from its Entry.
+    """Provenance tree of an Entry: node of the product with all it was made of, down to the raw files.
 
     A node has "name", "record" (None for a raw file or a product that is gone) and "inputs", a list of the same.
     """
@@ -174,8 +174,8 @@ def tree(entry):
     for key, record in records.items():
         for part, label in store.inputs(record) if record else ():
             if "path" in part:
-                where = f"{part['path']}:{part['member']}" if part["member"] else part["path"]
-                known[key]["inputs"].append({"name": where, "record": None, "inputs": [], "digest": label["digest"]})
+                place = f"{part['path']}:{part['member']}" if part["member"] else part["path"]
+                known[key]["inputs"].append({"name": place, "record": None, "inputs": [], "digest": label["digest"]})
             else:
                 known[key]["inputs"].append(known[part["key"]])
     return known[entry.ref.key]
@@ -189,14 +189,14 @@ def raw_files(key):
 
 
 def level_one_folders(calibration):
-    """Where the files were from which the events of the store were made: (event, Path, satellite, date) of each.
+    """[(event, folder, satellite, date)] of the Level-1 files from which the events of the store were made.
 
     The date is None for an event of several days.
     """
-    made, sources, latest = {}, [], location.folder() / "latest"
+    by_event, sources, latest = {}, [], location.folder() / "latest"
     for link, folder in (*store.links(f"*/{calibration}.*"), *store.links(f"*/as/*/{calibration}.*")):
-        made.setdefault(link.relative_to(latest).parts[0], []).append((link.name, folder.name))
-    for event, products in made.items():
+        by_event.setdefault(link.relative_to(latest).parts[0], []).append((link.name, folder.name))
+    for event, products in by_event.items():
         reports = [key for stage, key in products if stage.endswith(".report")]
         if not reports and last_run(event, calibration) is None:  # another calibration uses some of its stages
             continue
@@ -212,7 +212,7 @@ def level_one_folders(calibration):
 
 @contextlib.contextmanager
 def recorded(flow, event=None, planned=()):
-    """Listener of (call, state, ref) whose run is recorded at the end, also when it fails.
+    """Context with a listener (call, state, ref) of stages, which writes the record of the run at its end or failure.
 
     The event is by default that of the first stage. Where an error does not say its stage, the first of the planned
     ones that is not done is named.
@@ -222,7 +222,7 @@ def recorded(flow, event=None, planned=()):
     record |= {"status": "delivered", "started": started, "stages": {}}
     begin = time.perf_counter()
 
-    def listener(_call, state, ref):
+    def listener(_call, state, ref):  # adds a stage, "cached" or "made", to the record
         record["event"] = record["event"] or ref.event
         other = other_versions(ref) if state == "cached" else []
         stage = {"state": "reused" if state == "cached" else state, "key": ref.key}
@@ -257,7 +257,7 @@ def last_run(event, flow):
 def failure(event, flow):
     """Record of the last run in the configuration that is running if it failed, or None, as of `last_run`.
 
-    With "reason" without the kind of the error, and "failed_key" of the product of the stage to blame, or None.
+    With "reason", the message without the kind of error, and "failed_key", key of the product that failed, or None.
     """
     record = last_run(event, flow) or {"status": None}
     record = record.get("attempt", record)
@@ -282,12 +282,12 @@ def write_run(record):
 
 
 def _path_of_run(event, flow, configuration):
-    """Place of a record; a name that would lead elsewhere has none of its separators left."""
+    """Path of the record of a run; "/" in names becomes "_", so that none leads out of the folder."""
     name = "" if configuration == location.OPERATIONAL else f"@{configuration}"
     return location.folder() / "runs" / f"{event}.{flow}{name}.json".replace("/", "_")
 
 
-def _read_run(path):
+def _read_run(path):  # record of a run, None if there is none or it is not whole
     record = location.read_json(path)
     whole = isinstance(record, dict) and {"event", "flow", "status", "stages"} <= set(record)
     return {"configuration": location.OPERATIONAL} | record if whole else None

@@ -1,4 +1,4 @@
-"""What lies in the store: list it, find one, verify all, remove what nothing refers to."""
+"""Products of the store: list, find one, verify all, pin, and remove those that nothing refers to."""
 
 import contextlib
 import fnmatch
@@ -32,7 +32,7 @@ class Entry:
 
 
 def entries(event=None, kind=None, newest_only=True, configuration=None, record_of=store.read_record):
-    """Products of the store, list of Entry sorted by name: of an event, of a kind, of the links of a configuration.
+    """[Entry] of the store by event, time and stage: of an event, a kind or stage, the links of a configuration.
 
     ``newest_only`` leaves out those that no readable link leads to; ``record_of`` reads the record of a folder.
     """
@@ -51,7 +51,7 @@ def entries(event=None, kind=None, newest_only=True, configuration=None, record_
 
 
 def folders():
-    """Folders of all products, whole or not."""
+    """Folders (Path) of all products, complete or not, sorted."""
     shelves = (path for path in (location.folder() / "objects").glob("*") if not path.is_symlink())
     return sorted(path for shelf in shelves for path in shelf.glob("*") if store.KEY.fullmatch(path.name))
 
@@ -66,22 +66,22 @@ def linked():
 
 
 def resolve(text):
-    """Product by key, beginning of a key or of its content's digest (as reports print it), ``event/stage``, or path.
+    """Entry by key, beginning of a key or of its content's digest (as reports print it), ``event/stage``, or path.
 
     Of products with the same content the one that a readable link leads to is meant.
     """
     everything = entries(newest_only=False)
     path = Path(text).resolve()  # of the folder, of a readable link to it, or of a file in it
     objects = (location.folder() / "objects").resolve()
-    named = {one.name for one in (path, path.parent) if one.parent.parent == objects}
-    chosen = [entry for entry in everything if entry.ref.folder.name in named]
+    keys = {one.name for one in (path, path.parent) if one.parent.parent == objects}
+    chosen = [entry for entry in everything if entry.ref.folder.name in keys]
     folder = store.linked(location.folder() / "latest" / text)  # EVENT/STAGE, or EVENT/as/NAME/STAGE
     if not chosen and folder:
         chosen = [entry for entry in everything if entry.ref.key == folder.name]
     if not chosen and re.fullmatch(r"[0-9a-f]{4,64}", text):
         chosen = [entry for entry in everything if entry.ref.key.startswith(text)]
-        equal = [entry for entry in everything if entry.ref.digest.startswith(text)]
-        chosen = chosen or [entry for entry in equal if entry.newest] or equal
+        same_content = [entry for entry in everything if entry.ref.digest.startswith(text)]
+        chosen = chosen or [entry for entry in same_content if entry.newest] or same_content
     if len(chosen) == 1:
         return chosen[0]
     remedy = "Give EVENT/STAGE, more digits of the key, or a path, as gravcal products list shows them."
@@ -89,7 +89,7 @@ def resolve(text):
 
 
 def content(entry):
-    """Content of a product, verified."""
+    """Dataset of an Entry, verified; refused if damaged."""
     dataset = store.load(entry.ref)
     if dataset is None:
         refuse(f"{entry.ref.name} ({entry.ref.path})", "it damaged, and set aside", "a product", "Run its event again.")
@@ -97,7 +97,7 @@ def content(entry):
 
 
 def tree(event: str, configuration: str | None = None):
-    """Products that the last run of an event left as an xarray.DataTree; by default of the operational one."""
+    """Products of the last run of an event (by default operational) as an xarray.DataTree, one node a stage."""
     import xarray as xr
 
     newest = entries(event=event, configuration=configuration or location.OPERATIONAL)
@@ -121,7 +121,7 @@ def verify():
     return problems + [(path, "a link that leads to no product of this store; it is not followed") for path in links]
 
 
-def _problems(folder):
+def _problems(folder):  # list of texts: record, bytes and content of a product folder compared
     record, reason = store.believed(folder)
     reason = reason or store.doubt(folder, record)
     if reason:
@@ -142,7 +142,7 @@ def _problems(folder):
 
 
 def prune(keep_s=None, remove=False, quota=None, configuration=None):
-    """What nothing refers to, (path, bytes) each: products without link or pin, also as input, and what was set aside.
+    """[(path, bytes)] unused: products that no link or pin needs, directly or as input; quarantine, locks and drafts.
 
     Younger ones than `keep_s`, by default an hour, stay. Of a store with more bytes than its quota the oldest go first,
     none younger than an hour. Links of experiments whose names fit the pattern `configuration`, and that nobody has
@@ -162,13 +162,13 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
     unused = [folder for folder in folders() if folder.name not in needed]
     for name in ("quarantine", "locks", "tmp"):  # the last two hold what was left when a process was killed
         unused += sorted((location.folder() / name).glob("*"))
-    gone, left = [(link, 0) for link in dropped], size() if quota is not None else 0
+    to_remove, bytes_left = [(link, 0) for link in dropped], size() if quota is not None else 0
     for age, path in sorted(((_age_s(path), path) for path in unused), reverse=True):
         keep = max(keep_s, YOUNG_S) if path.parent.name == "tmp" else keep_s  # a run may be writing it
-        if age > keep or (quota is not None and left > quota and age > YOUNG_S):
-            gone.append((path, _size(path)))
-            left -= gone[-1][1]
-    for path, _ in gone if remove else []:
+        if age > keep or (quota is not None and bytes_left > quota and age > YOUNG_S):
+            to_remove.append((path, _size(path)))
+            bytes_left -= to_remove[-1][1]
+    for path, _ in to_remove if remove else []:
         if path.is_symlink() or not path.is_dir():
             path.unlink(missing_ok=True)
             continue
@@ -181,27 +181,27 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
         except OSError as error:
             raise location.unwritable(error, path.name[:12]) from error
         shutil.rmtree(aside, ignore_errors=True)
-    return gone
+    return to_remove
 
 
 def said(gone, removed, quota_gb=None):
-    """What `prune` removed, or would remove, and what stays, in words."""
+    """Text: what `prune` removed, [(path, bytes)], or would remove, and how much stays."""
     freed = sum(count for _, count in gone)
-    left = size() - (0 if removed else freed)
+    bytes_left = size() - (0 if removed else freed)
     verb = "removed" if removed else "would be removed (--remove does it)"
-    text = f"{len(gone)} entries, {freed / 1e6:.1f} MB {verb}; {left / 1e9:.3f} GB stay"
-    if quota_gb is not None and left > quota_gb * 1e9:
+    text = f"{len(gone)} entries, {freed / 1e6:.1f} MB {verb}; {bytes_left / 1e9:.3f} GB stay"
+    if quota_gb is not None and bytes_left > quota_gb * 1e9:
         text += f", more than the quota of {quota_gb:g} GB: delivered, pinned, or of the last hour"
     return text
 
 
 def size():
-    """Bytes of the products of the store and of what was set aside."""
+    """Bytes of the products of the store and of its quarantine."""
     return sum(_size(location.folder() / name) for name in ("objects", "quarantine"))
 
 
 def pin(entry):
-    """Keep a product, and all it was made of, whatever else refers to it."""
+    """Pin the product of an Entry: `prune` keeps it and all that it was made of."""
     link = _pins() / entry.ref.key
     try:
         link.parent.mkdir(parents=True, exist_ok=True)
@@ -212,19 +212,19 @@ def pin(entry):
 
 
 def unpin(entry):
-    """Let a product go like any other; True if it was pinned."""
+    """Remove the pin of an Entry; True if it was pinned."""
     link = _pins() / entry.ref.key
-    was = link.is_symlink()
+    was_pinned = link.is_symlink()
     link.unlink(missing_ok=True)
-    return was
+    return was_pinned
 
 
-def _pins():
+def _pins():  # folder of links to pinned products
     return location.folder() / "pins"
 
 
 def _age_s(path):
-    """Seconds since a change; what went meanwhile is as young as can be, and what is from the future too."""
+    """Seconds since a path was modified: -1 if it is gone, negative if it is dated in the future."""
     try:
         return time.time() - path.lstat().st_mtime
     except OSError:
@@ -232,7 +232,7 @@ def _age_s(path):
 
 
 def _size(path):
-    """Bytes below a folder, or of a file; what went meanwhile has none."""
+    """Total bytes below a folder, or of a file; 0 if it is gone."""
     total = 0
     for one in path.rglob("*") if path.is_dir() and not path.is_symlink() else [path]:
         with contextlib.suppress(OSError):

@@ -37,7 +37,7 @@ IMPORTERS = ("lazy", "import_module")
 SILENT = ("kind", "ctx", "type_comment")  # the place of a name says whether it is read or set; the rest is layout
 _files = {}  # source or data file -> its status when it was first looked at
 _bodies = {}  # ("module:function", other modules) -> its parts and their files, for the life of the process
-_trees = {}  # what earlier processes know of modules, by name and digest of the source
+_trees = {}  # "name-version-digest of source": [digest, imports, file names] of modules, kept for later processes
 
 
 def key(recipe):
@@ -46,7 +46,7 @@ def key(recipe):
 
 
 def text(plain):
-    """JSON with sorted names and no blanks: one text for one meaning."""
+    """Canonical JSON text of plain values: names sorted, no blanks; refuses NaN and infinity (ValueError)."""
     return json.dumps(plain, sort_keys=True, separators=(",", ":"), ensure_ascii=True, allow_nan=False)
 
 
@@ -107,7 +107,7 @@ def check_inputs(stage, inputs, kinds):
 
 
 def event_of(stage, inputs):
-    """Event of the inputs; of a Level-1 file mission, satellite and date."""
+    """Name of the one event of the inputs; of a Level-1 file "mission-satellite-date"."""
     files = [item for item in inputs if is_file(item)]
     events = {item.event for item in inputs if not is_file(item)}
     events |= {f"{MISSIONS.get(one.satellite, 'unknown')}-{one.satellite.lower()}-{one.date}" for one in files}
@@ -118,20 +118,20 @@ def event_of(stage, inputs):
 
 
 def labelled(item):
-    """Part of the recipe for one input: its name and the digest of its content; None is not known yet."""
+    """Dict of one input for the recipe: names, and "digest" of its content, None if it is not made yet."""
     if not is_file(item):
         return {"event": item.event, "kind": item.kind, "variant": item.variant, "digest": item.digest}
-    label = {"file": item.name, "product": item.product, "satellite": item.satellite, "date": str(item.date)}
-    return label | {"release": str(item.release), "digest": digest_of(item)}
+    entry = {"file": item.name, "product": item.product, "satellite": item.satellite, "date": str(item.date)}
+    return entry | {"release": str(item.release), "digest": digest_of(item)}
 
 
 def traced(item):
-    """Where one input was found, for the record: key of the product, or path of the file."""
+    """Place of one input for the record: {"key"} of a product, or {"path", "member"} of a file."""
     return {"path": str(item.path.absolute()), "member": item.member} if is_file(item) else {"key": item.key}
 
 
 def digest_of(item):
-    """SHA-256 of a Level-1 file."""
+    """SHA-256 (64 hexadecimal digits) of a LevelOneFile; refused if it cannot be read."""
     try:
         return archive.file_digest(item.path, item.member)
     except (OSError, KeyError, EOFError) as error:
@@ -140,9 +140,9 @@ def digest_of(item):
 
 
 def fingerprint(body, also=()):
-    """Digests of the code that a stage runs, by "module" or "module:function", and of data files, by "package/file".
+    """{"module" or "module:function": digest of the code that a stage's body runs, "package/file": of data it reads}.
 
-    Also are modules that the body of the stage reaches in a way no import statement shows.
+    ``also``: modules that the body of the stage reaches in a way no import statement shows.
     """
     name = f"{body.__module__}:{body.__name__}", *also
     if name not in _bodies:
@@ -174,19 +174,19 @@ def fingerprint(body, also=()):
 
 
 def total(parts):
-    """One digest for all parts."""
+    """One SHA-256 for all parts {name: digest}, in hexadecimal digits."""
     return hashlib.sha256("".join(f"{name}={value};" for name, value in sorted(parts.items())).encode()).hexdigest()
 
 
 @functools.cache
 def versions():
-    """Versions of what computes; recorded with a product, not part of its key."""
+    """{package or "python": version}, recorded with a product, not part of its key."""
     names = ("gravcal", "numpy", "scipy", "numba", "xarray", "netCDF4")
     return {name: importlib.metadata.version(name) for name in names} | {"python": sys.version.partition(" ")[0]}
 
 
 def _body_part(body, scope):
-    """Digest of a body with what it names of its module; the targets and the ends of file names that these use."""
+    """(digest of a body and all that it names in its module, [import target "a.b:c"], {end of a file name})."""
     path = Path(inspect.getsourcefile(body))
     tree = _tree(path)
     package = body.__module__ if path.name == "__init__.py" else body.__module__.rpartition(".")[0]
@@ -205,17 +205,17 @@ def _body_part(body, scope):
         texts[name] = _tree_text(node)
         targets |= set(_imports(node, package))
         endings |= set(_file_names(node))
-        inner = {id(part.value): part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute)}
+        attributes = {id(part.value): part.attr for part in ast.walk(node) if isinstance(part, ast.Attribute)}
         for part in (part for part in ast.walk(node) if isinstance(part, ast.Name)):  # with what is taken from it
-            first, attribute = part.id, inner.get(id(part), "")
+            first, attribute = part.id, attributes.get(id(part), "")
             if first in local:
                 waiting.append(first)
             if first in imported:  # of a package: the module that its __init__ takes the attribute from
                 target = imported[first]
                 module = _module_of(target) if attribute and _top(target) in scope else None
                 if module and _path(module).name == "__init__.py":
-                    taken = _definitions(_tree(_path(module)), module)[1]
-                    target = taken.get(attribute, f"{module}:{attribute}")
+                    exported = _definitions(_tree(_path(module)), module)[1]
+                    target = exported.get(attribute, f"{module}:{attribute}")
                 targets.add(target)
     content = "\n".join(f"{name}={text}" for name, text in sorted(texts.items()))
     return hashlib.sha256(content.encode()).hexdigest()[:32], sorted(targets), endings
@@ -223,7 +223,7 @@ def _body_part(body, scope):
 
 @functools.cache
 def _data_parts(module, imported, endings):
-    """Digests of the data files whose names end like the texts of a module, and of those that they name."""
+    """{"package/file": digest} of data files with names that end like ``endings``, and of files named in these."""
     folders = {_top(module): _path(module).parent}
     folders |= {top: top_folder(top) for top in map(_top, imported) if top in DATA}
     parts, waiting = {}, []
@@ -240,14 +240,14 @@ def _data_parts(module, imported, endings):
 
 @functools.cache
 def _data_below(folder):
-    """Data files below a folder: all that are no code."""
+    """[Path] of all files below a folder but Python code, sorted."""
     files = (path for path in sorted(folder.rglob("*")) if path.suffix not in (".py", ".pyc", ".pyi"))
     return [path for path in files if path.is_file() and "__pycache__" not in path.parts]
 
 
 @functools.cache
 def _data_file(path):
-    """Digest of a data file, and the files of its folder that it names."""
+    """(digest of a data file, [Path] of the files of its folder whose names it contains)."""
     content = _source(path)
     others = [other for other in _data_below(path.parent) if other.parent == path.parent and other != path]
     return hashlib.sha256(content).hexdigest()[:32], [other for other in others if other.name.encode() in content]
@@ -255,7 +255,7 @@ def _data_file(path):
 
 @functools.cache
 def _module(name):
-    """Digest, imports and ends of file names of a module, remembered by the content of its file."""
+    """[digest, [import target], [end of a file name]] of a module, cached by the content of its file."""
     source = _source(path := _path(name))
     label = f"{name}-{sys.version_info[1]}-{hashlib.sha256(source).hexdigest()[:40]}"
     if label not in _trees:
@@ -266,12 +266,12 @@ def _module(name):
     return _trees[label]
 
 
-def _source(path):
+def _source(path):  # bytes of a file; its status at the first read goes to `_files`
     _files.setdefault(path, _status(path))
     return path.read_bytes()
 
 
-def _status(path):
+def _status(path):  # (size, time of change in ns) of a file, None without
     try:
         return (status := path.stat()).st_size, status.st_mtime_ns
     except FileNotFoundError:
@@ -279,7 +279,7 @@ def _status(path):
 
 
 @functools.cache
-def _tree(path):
+def _tree(path):  # ast.Module of a source file
     return _parsed(_source(path))
 
 
@@ -295,7 +295,7 @@ def _module_of(target):
     return module if _path(module) else None
 
 
-def _top(target):
+def _top(target):  # top-level package of "a.b:c": "a"
     return target.partition(":")[0].partition(".")[0]
 
 
@@ -326,30 +326,30 @@ def top_folder(top):
 
 
 def _tree_text(node):
-    """Nested text of a tree without docstrings, positions and empty fields; the same in every version of Python."""
+    """Text of a syntax tree without docstrings, positions and empty fields; the same in every version of Python."""
     kind = type(node)
     if kind is list:
         return "[" + ",".join([_tree_text(item) for item in node]) + "]"
     if not isinstance(node, ast.AST):
         return repr(node)
-    written = [kind.__name__]
+    parts = [kind.__name__]
     for name in node._fields:
         value = getattr(node, name, None)
         if value is None or value == [] or name in SILENT:
             continue
-        first = getattr(value[0], "value", None) if name == "body" and kind in DOCUMENTED else None
-        if isinstance(first, ast.Constant) and isinstance(value[0], ast.Expr) and isinstance(first.value, str):
+        statement = getattr(value[0], "value", None) if name == "body" and kind in DOCUMENTED else None
+        if isinstance(statement, ast.Constant) and isinstance(value[0], ast.Expr) and isinstance(statement.value, str):
             value = value[1:]
-        written.append(f"{name}={_tree_text(value)}")
-    return "(" + " ".join(written) + ")"
+        parts.append(f"{name}={_tree_text(value)}")
+    return "(" + " ".join(parts) + ")"
 
 
-def _imports(tree, package):
+def _imports(tree, package):  # ["a.b" or "a.b:c"] imported anywhere in a tree
     return [target for node in ast.walk(tree) for _, target in _bindings(node, package)]
 
 
 def _file_names(tree):
-    """Ends of file names among the texts of a tree: "page.html", and ".toml" of "*.toml" or f"{name}.toml"."""
+    """[end of a file name] among the strings of a tree: "page.html", and ".toml" of "*.toml" or f"{name}.toml"."""
     texts = [node.value for node in ast.walk(tree) if isinstance(node, ast.Constant) and isinstance(node.value, str)]
     return sorted({match[1] for text in texts if (match := FILE_NAME.fullmatch(text))})
 
@@ -371,7 +371,7 @@ def _bindings(node, package):
 
 
 def _definitions(tree, package):
-    """What the top level of a module defines (name -> node) and imports (name -> target)."""
+    """({name: node} that the top level of a module defines, {name: target} that it imports)."""
     local, imported = {}, {}
     for node in tree.body:
         imported |= dict(_bindings(node, package))

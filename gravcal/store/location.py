@@ -38,7 +38,7 @@ def configuration():
 
 @contextlib.contextmanager
 def configured(name):
-    """Let links written and read inside be those of this configuration."""
+    """Context in which readable links are those of a configuration (name)."""
     before = _running.set(name)
     try:
         yield
@@ -54,13 +54,13 @@ def links(event, name=None):
 
 
 def prepare():
-    """Create the folders of the store."""
+    """Create the folders of the store where they are missing."""
     for name in NAMES:
         (folder() / name).mkdir(parents=True, exist_ok=True)
 
 
 def new_aside():
-    """Path for a folder that is being made or removed; what a killed process leaves there goes with the next prune."""
+    """New path below tmp/ for a folder being made or removed; `prune` removes what a killed process left there."""
     return folder() / "tmp" / uuid.uuid4().hex
 
 
@@ -81,7 +81,7 @@ def read_json(path):
 
 
 def recall(name):
-    """What was remembered under a name, or None."""
+    """JSON value that `remember` kept under a name, None if there is none."""
     return read_json(folder() / "memo" / f"{name}.json")
 
 
@@ -92,7 +92,7 @@ def remember(name, value):
 
 
 def unwritable(error, what):
-    """ProductError for a store that cannot take a product."""
+    """ProductError (to raise) for an OSError on writing ``what`` to the store, with a remedy by its errno."""
     root = folder()
     remedy = REMEDIES.get(error.errno, "Give yourself the right to write there")
     return ProductError(

@@ -1,4 +1,4 @@
-"""Products: what each kind holds, whether a dataset holds it, and reading and writing them.
+"""Products: schemas of their kinds, checks of a Dataset against these, and reading and writing netCDF.
 
 A schema is plain data, so a science module can state its own without importing this one:
 
@@ -52,14 +52,14 @@ _schemas = {}
 
 
 def register(kind, schema):
-    """Make the schema of a kind known, "*.report" of any calibration; again only with the same schema."""
+    """Register the schema of a kind ("*.report": of any calibration); again only with the same schema."""
     if kind in _schemas and _schemas[kind] != schema:
         refuse(f"product kind {kind}", "it registered twice with different schemas", "one", "Give one another name.")
     _schemas[kind] = schema
 
 
 def registered(calibration, **schemas):
-    """Schemas of the products of a calibration by stage, made known: {kind: schema}."""
+    """Register the schemas {stage: schema} of a calibration; returns {"calibration.stage": schema}."""
     kinds = {f"{calibration}.{name}": one for name, one in schemas.items()}
     for kind, one in kinds.items():
         register(kind, one)
@@ -67,7 +67,7 @@ def registered(calibration, **schemas):
 
 
 def schema(kind):
-    """Schema of a kind, or ANY."""
+    """Schema of a kind: {variable: {"dims", "units", ...}}, or ANY (None)."""
     known = kind if kind in _schemas else f"*.{kind.partition('.')[2]}"
     if known not in _schemas:
         fault = f"no schema is registered, only of {', '.join(sorted(_schemas)) or 'none'}"
@@ -76,7 +76,7 @@ def schema(kind):
 
 
 def check(dataset, kind):
-    """Dataset of a stage's body in memory with the attributes of its kind (units, long_name, frame).
+    """`settled` Dataset of a stage's body with the attributes that the schema of its kind states.
 
     Variables, dimensions, types and units are compared with the schema first.
     """
@@ -91,13 +91,13 @@ def check(dataset, kind):
     labels = {n: _labels(n, own, stated[n], f"{kind}, variable {n}") for n, own in dataset.variables.items()}
     labelled = settled(dataset, labels, without_provenance(dataset.attrs))
     for name, variable in labelled.variables.items():
-        where, said = f"{kind}, variable {name}", stated[name]
-        dims = tuple(said["dims"].split()) if "dims" in said else variable.dims
+        where, entry = f"{kind}, variable {name}", stated[name]
+        dims = tuple(entry["dims"].split()) if "dims" in entry else variable.dims
         form = "str" if variable.dtype == object else variable.dtype.str.lstrip("<>|=")
-        wanted = said.get("dtype", "f8") if said else form
+        wanted = entry.get("dtype", "f8") if entry else form
         if variable.dims != dims or form != wanted:
             refuse(where, f"{form} over {variable.dims}", f"{wanted} over {dims}", CHANGE)
-        allowed = said.get("units", ())
+        allowed = entry.get("units", ())
         if isinstance(allowed, tuple) and allowed and variable.attrs.get("units") not in allowed:
             refuse(where, f"units {variable.attrs.get('units')!r}", f"one of {', '.join(allowed)}", CHANGE)
         if form != "str" and "units" not in variable.attrs:
@@ -113,9 +113,9 @@ def check(dataset, kind):
 
 
 def settled(dataset, labels=None, attributes=None):
-    """Dataset as writing and reading keep it: loaded, native byte order, text as objects, plain attributes.
+    """Dataset in the form that writing and reading preserve: loaded, native byte order, text as objects.
 
-    Its attributes, or others: those of each variable by name, and the global ones.
+    Attributes are plain: its own, or ``labels`` {variable: attributes} and global ``attributes``.
     """
     import xarray as xr
 
@@ -140,8 +140,8 @@ def digest(dataset):
     for name in sorted(dataset.variables):
         variable = dataset.variables[name]
         values = np.ascontiguousarray(variable.values)
-        head = [name, list(variable.dims), list(values.shape), "str" if values.dtype == object else values.dtype.str]
-        total.update(json.dumps(head).encode() + _attribute_text(variable.attrs))
+        header = [name, list(variable.dims), list(values.shape), "str" if values.dtype == object else values.dtype.str]
+        total.update(json.dumps(header).encode() + _attribute_text(variable.attrs))
         if values.dtype == object:
             total.update(json.dumps(values.ravel().tolist()).encode())
             continue
@@ -152,7 +152,7 @@ def digest(dataset):
 
 
 def provenance(recipe, key, content_digest, version):
-    """Global attributes that say how a product was made; nothing in them depends on the clock or the machine."""
+    """{global attribute: text} on how a product was made; nothing in them depends on the clock or the machine."""
     name = ".".join(part for part in (recipe["kind"], recipe["variant"]) if part)
     return {
         "Conventions": "CF-1.11",
@@ -166,7 +166,7 @@ def provenance(recipe, key, content_digest, version):
 
 
 def without_provenance(attributes):
-    """Global attributes as the body of a stage returned them, without provenance."""
+    """Global attributes {name: value} without those of `provenance`."""
     return {name: value for name, value in attributes.items() if name not in PROVENANCE}
 
 
@@ -176,18 +176,18 @@ def is_time(name, variable):
 
 
 def _labels(name, variable, stated, where):
-    """Attributes of one variable completed by the schema; those that contradict it are an error."""
+    """Attributes of one variable completed by its entry ``stated`` of the schema; refused if they contradict it."""
     known = {label: stated[label] for label in STATED if isinstance(stated.get(label), str)}
     known = TIME | known if is_time(name, variable) else known
-    own = {label: value for label, value in variable.attrs.items() if label not in ("_FillValue", "coordinates")}
+    present = {label: value for label, value in variable.attrs.items() if label not in ("_FillValue", "coordinates")}
     for label in ("units", "frame"):
-        if label in own and label in known and own[label] != known[label]:
-            refuse(where, f"{label} is {own[label]!r}, the schema says {known[label]!r}", "the same", "Convert it.")
-    return known | own | {label: known[label] for label in ("units", "frame") if label in known}
+        if label in present and label in known and present[label] != known[label]:
+            refuse(where, f"{label} is {present[label]!r}, the schema says {known[label]!r}", "the same", "Convert it.")
+    return known | present | {label: known[label] for label in ("units", "frame") if label in known}
 
 
 def _settled_attributes(attributes):
-    """Attributes as they are after reading: str, int, float, list of str or array of numbers."""
+    """Attributes in the types that reading returns: str, int, float, list of str or array of numbers."""
     plain = {}
     for name, value in attributes.items():
         items = np.asarray(value)
@@ -203,7 +203,7 @@ def _settled_attributes(attributes):
 
 
 def _attribute_text(attributes):
-    """Attributes as text that does not depend on their order."""
+    """JSON (bytes) of attributes, independent of their order."""
     plain = {name: value.tolist() if isinstance(value, np.ndarray) else value for name, value in attributes.items()}
     return json.dumps(plain, sort_keys=True).encode()
 
@@ -237,7 +237,7 @@ def write(dataset, path):
 
 
 def from_bytes(image):
-    """Dataset from the bytes of a netCDF-4 file, in memory, times as the numbers they are, text as objects."""
+    """Dataset in memory from the bytes of a netCDF-4 file; times stay numbers, text becomes objects."""
     import netCDF4
     import xarray as xr
 
@@ -254,13 +254,13 @@ def from_bytes(image):
     return xr.Dataset(variables, coordinates, {name: _attribute(value) for name, value in read.attrs.items()})
 
 
-def _attribute(value):
+def _attribute(value):  # Python scalar of a numpy scalar, otherwise as it is
     return value.item() if getattr(value, "shape", None) == () else value
 
 
 @contextlib.contextmanager
 def opened(path):
-    """File as a netCDF4.Dataset that gives values as they are, alone in this process; OSError where it is damaged."""
+    """Context with a file as netCDF4.Dataset of raw values, under the lock of the process; OSError if damaged."""
     import netCDF4
 
     with LOCK, _damage_as_oserror(), netCDF4.Dataset(path) as file:
@@ -270,7 +270,7 @@ def opened(path):
 
 @contextlib.contextmanager
 def _damage_as_oserror():
-    """Errors that netCDF4 raises for files of damaged structure as one kind."""
+    """Context that turns errors of netCDF4 for damaged files into OSError."""
     try:
         yield
     except (RuntimeError, AttributeError) as error:
@@ -278,16 +278,16 @@ def _damage_as_oserror():
 
 
 def attributes(node):
-    """Attributes of a file or variable of netCDF4, plain."""
+    """{name: value} of the attributes of an open netCDF4 file or variable, plain."""
     return {name: _attribute(node.getncattr(name)) for name in node.ncattrs()}
 
 
 def foreword(origin: str) -> str:
-    """What a verdict begins with: the origin of the data where they were not all measured."""
+    """Begin of a verdict: "SIMULATED. " or "MIXED. ", "" where all data are measured."""
     return "" if origin == MEASURED else f"{origin.upper()}. "
 
 
 def origins_together(origins: Iterable[str]) -> str:
-    """Origin of what is made of several; "" says nothing and changes nothing."""
+    """Common origin of several, "mixed" if they differ; "" (no records) is ignored, and returned if alone."""
     distinct = {one for one in origins if one}
     return distinct.pop() if len(distinct) == 1 else MIXED if distinct else ""

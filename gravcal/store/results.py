@@ -1,4 +1,4 @@
-"""The numbers that a result document hands on, the same for every calibration: for tables, time lines, comparisons."""
+"""Values of result documents in one form for every calibration: for tables, time lines, comparisons, campaigns."""
 
 import itertools
 import math
@@ -15,30 +15,30 @@ class Value:
 
     satellite: str  #: letter where the document is of several, otherwise ""
     name: str  #: such as "x", "offset x", "k z"
-    unit: str  #: of all three
-    #: value, sigma: with its error by noise
+    unit: str  #: of value, sigma and sigma_total
+    #: value and its error by noise alone, None where not determined
     value: float | None
     sigma: float | None
     sigma_total: float | None  #: with all errors; None where it is not known
 
     @property
     def label(self):
-        """Name with the satellite."""
+        """Name after the letter of the satellite, if any: "C offset x"."""
         return f"{self.satellite} {self.name}".strip()
 
 
 def text(known):
-    """Values with their total errors on one line: "x 107.0 +- 1.9, y 3.6 +- 0.9 um"."""
-    said = [one for one in known if one.value is not None]
+    """Text of [Value] with their total errors: "x 107.0 +- 1.9, y 3.6 +- 0.9 um"; undetermined ones are left out."""
+    determined = [one for one in known if one.value is not None]
     parts = []
-    for one, following in itertools.zip_longest(said, said[1:]):
+    for one, following in itertools.zip_longest(determined, determined[1:]):
         unit = "" if one.unit == "1" or (following and following.unit == one.unit) else f" {one.unit}"
         parts.append(f"{one.label} {rounded(one.value, one.sigma_total or one.sigma)}{unit}")
     return ", ".join(parts)
 
 
 def rounded(value, sigma):
-    """Value with two digits of its error, both with a power of ten where they are small or large."""
+    """Text "value +- sigma" with two digits of sigma, with a power of ten where both are small or large."""
     size = max(abs(value), sigma or 0.0)
     if not sigma or sigma < 1e-7 * size:
         return f"{value:.3g}" if not sigma else f"{value:.9g} +- {sigma:.1e}"
@@ -50,27 +50,27 @@ def rounded(value, sigma):
 
 
 def vector(satellite, prefix, unit, block, names=("value", "sigma", "sigma_total")):
-    """Values of the three axes of a block of a document."""
+    """Value of x, y, z of a block {name: (3,)} of a document; names of its value, sigma and total sigma."""
     columns = [block.get(name) or [None] * 3 for name in names]
     for axis, *numbers in zip(AXES, *columns, strict=True):
         yield Value(satellite, f"{prefix} {axis}".strip(), unit, *numbers)
 
 
 def parameters(document):
-    """Determined ones of the named parameters of a document."""
+    """Value of each determined one of "parameters" {name: {"value", "sigma", "unit"}} of a document."""
     for name, one in (document.get("parameters") or {}).items():
         if one is not None:
             yield Value("", name.replace("_", " "), one["unit"], one["value"], one["sigma"], None)
 
 
 def units(unit: str, names: Sequence[str]) -> list[str]:
-    """Unit of each parameter of a result, where they differ in the order of the names."""
+    """Unit of each name: from "unit, unit, ..." if there are as many as names, otherwise the same for all."""
     parts = unit.split(", ")
     return parts if len(parts) == len(names) else [unit] * len(names)
 
 
 def searched(document):
-    """Parameters of a calibration after a search."""
+    """Value of each parameter of a calibration after a search, from the document of a discovery."""
     change = document.get("calibration_change") or {"names": (), "unit": "", "after": (), "sigma_after": ()}
     rows = change["names"], units(change["unit"], change["names"]), change["after"], change["sigma_after"]
     for row in zip(*rows, strict=True):
@@ -78,9 +78,9 @@ def searched(document):
 
 
 def printed_vector(unit):
-    """Function that gives the rows of a printed vector: panel, unit, value, sigma, remark."""
+    """Function: Published record of a vector -> rows (axis, unit, value, sigma or None, "") in ``unit``."""
 
-    def rows(one):
+    def rows(one):  # one: catalog.Published
         units = one.unit.split(", ")
         for number, axis in enumerate(AXES):
             factor = METRES[units[number] if len(units) == 3 else units[0]] / METRES[unit]

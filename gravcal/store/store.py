@@ -64,12 +64,12 @@ class ProductRef:
 
 
 def folder_of(key):
-    """Folder of the product with this key, whether it exists or not."""
+    """Path of the folder of the product with this key, whether it exists or not."""
     return location.folder() / "objects" / key[:2] / key
 
 
 def find(key):
-    """Product with this key, ProductRef or None; one that is not what its record says is set aside."""
+    """ProductRef of the product with this key, or None; a folder that contradicts its record goes to quarantine."""
     folder = folder_of(key)
     record, reason = believed(folder)
     if record:
@@ -82,7 +82,7 @@ def find(key):
 
 
 def load(ref):
-    """Content of a product, verified; None if it is damaged, and then it has been set aside.
+    """Dataset of a product, verified; None if it is damaged, which moves it to quarantine.
 
     Its arrays cannot be changed; provenance attributes are left out.
     """
@@ -99,30 +99,30 @@ def load(ref):
 
 
 def put(key, recipe, made, facts):
-    """Publish a product, (checked dataset, {file name: str or bytes}); that of another process that was first counts.
+    """ProductRef of a product written from made, (checked Dataset, {file name: str or bytes}), or of one there before.
 
     The key is that of the recipe; facts join the record: modules, inputs, stage, seconds. ProductError where the disk
     is full or the store not writable, which is then as before.
     """
     dataset, files = made
-    content, aside = product.digest(dataset), location.new_aside()
-    labels = product.provenance(recipe, key, content, keys.versions()["gravcal"])
-    extra = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
+    digest, aside = product.digest(dataset), location.new_aside()
+    labels = product.provenance(recipe, key, digest, keys.versions()["gravcal"])
+    contents = {name: text.encode() if isinstance(text, str) else text for name, text in files.items()}
     try:
         location.prepare()
         aside.mkdir()
         product.write(dataset.assign_attrs(labels), aside / "product.nc")
-        for name, text in extra.items():
+        for name, text in contents.items():
             (aside / Path(name).name).write_bytes(text)
         image = (aside / "product.nc").read_bytes()
         record = {
             "key": key,
-            "digest": content,
+            "digest": digest,
             "sha256": hashlib.sha256(image).hexdigest(),
             "bytes": len(image),
             "mtime_ns": (aside / "product.nc").stat().st_mtime_ns,
-            "labels_at": [image.find(text.encode()) for text in (key, content)],
-            "files": {name: hashlib.sha256(text).hexdigest() for name, text in extra.items()},
+            "labels_at": [image.find(text.encode()) for text in (key, digest)],
+            "files": {name: hashlib.sha256(text).hexdigest() for name, text in contents.items()},
             "made": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
             "machine": platform.node(),
             "recipe": recipe,
@@ -135,7 +135,7 @@ def put(key, recipe, made, facts):
 
 
 def publish(aside, key):
-    """Rename the finished folder to its place; a product that is there already and whole stays, and is returned."""
+    """ProductRef after renaming the finished folder ``aside`` to its place; a valid product already there stays."""
     folder = folder_of(key)
     if os.path.lexists(folder.parent) and not folder.parent.is_dir():
         set_aside(folder.parent, "no folder")
@@ -153,7 +153,7 @@ def publish(aside, key):
 
 
 def point(ref):
-    """Let the readable link of a product's name lead to it; a store that can only be read keeps the old one."""
+    """Make the readable link of a product's name lead to it (ref); a read-only store keeps the old link."""
     link = location.links(ref.event) / ref.stage
     target = os.path.relpath(ref.folder, link.parent)
     with contextlib.suppress(OSError):
@@ -193,7 +193,7 @@ def newest_record(event, stage):
 
 @contextlib.contextmanager
 def lock(key):
-    """Hold the key: others who want to make the same product wait. The kernel releases it when a process dies."""
+    """Context with an exclusive lock on a key: others that make the same product wait; released if the process dies."""
     try:
         location.prepare()
         path = location.folder() / "locks" / key
@@ -210,13 +210,13 @@ def lock(key):
 
 
 def sealed(record):
-    """Text of a record of plain values with its checksum, bytes."""
+    """JSON (bytes) of a record of plain values with its SHA-256 as the last entry."""
     text = json.dumps(record, allow_nan=False).encode()
     return text[:-1] + SEAL + hashlib.sha256(text).hexdigest().encode() + b'"}'
 
 
 def believed(folder):
-    """Record (a dict, shared) of a product folder, whose name is the key, and None; or None and why not."""
+    """(record, None) of a product folder, whose name is the key, or (None, reason); the dict is shared."""
     parts = (folder.parent, folder, folder / "meta.json", folder / "product.nc")
     link = next((path for path in parts if path.is_symlink()), None)
     if link:
@@ -230,14 +230,14 @@ def believed(folder):
 
 @functools.lru_cache(maxsize=512)  # of 10 kB each: found, then asked how it was made
 def _believed(image, key):
-    """Record of the bytes of a file and None, or None and why not."""
-    head, seal, tail = image.rpartition(SEAL)
-    if not seal:
+    """(record, None) from the bytes of meta.json of the product with this key, or (None, reason)."""
+    body, separator, checksum = image.rpartition(SEAL)
+    if not separator:
         return None, "the record has no checksum: written by an earlier gravcal, or by others"
-    if tail != hashlib.sha256(head + b"}").hexdigest().encode() + b'"}':
+    if checksum != hashlib.sha256(body + b"}").hexdigest().encode() + b'"}':
         return None, "the record is not as it was written (its checksum differs)"
     try:
-        record = json.loads(head + b"}")
+        record = json.loads(body + b"}")
         for error in schemas.validator("_record").iter_errors(record):
             where = "".join(f"[{part}]" if isinstance(part, int) else f".{part}" for part in error.instance_path)
             return None, f"record{where}: {error.message[:SHOWN]}"
@@ -253,12 +253,12 @@ def _believed(image, key):
 
 
 def read_record(folder):
-    """Record of a product folder, or None if there is none that can be believed."""
+    """Record (dict) of a product folder, None if there is no valid one."""
     return believed(folder)[0]
 
 
 def ancestry(*keys):
-    """Records of products and of all they were made of, by key, the nearest first; None of one that is gone."""
+    """{key: record, None if gone} of products and all that they were made of, breadth first from these keys."""
     records, waiting = {}, list(keys)
     while waiting:
         key = waiting.pop(0)
@@ -269,12 +269,12 @@ def ancestry(*keys):
 
 
 def inputs(record):
-    """Pairs of what a product was made of: where it was found, and its label in the recipe."""
+    """Iterator of (place as of `keys.traced`, label as of `keys.labelled`) of each input of a product's record."""
     return zip(record["from"], record["recipe"]["inputs"], strict=True)
 
 
 def reference(record, folder):
-    """ProductRef of a record."""
+    """ProductRef from a record and its folder."""
     recipe = record["recipe"]
     return ProductRef(
         recipe["event"], recipe["kind"], recipe["variant"], record["key"], record["digest"], folder / "product.nc"
@@ -282,9 +282,9 @@ def reference(record, folder):
 
 
 def set_aside(folder, reason):
-    """Move a product folder to quarantine with a note why; one that vanished meanwhile is no error.
+    """Move a product folder to quarantine with its reason in a text file; one already gone is no error.
 
-    Of a folder that is reached through a link this link is moved, what it leads to is left alone.
+    Of a folder that is reached through a link, the link itself is moved and its target is left alone.
     """
     if KEY.fullmatch(folder.name) and folder.parent.is_symlink():
         folder = folder.parent
@@ -298,12 +298,12 @@ def set_aside(folder, reason):
         raise location.unwritable(error, f"{folder.name[:12]} ({reason})") from error
     with contextlib.suppress(OSError):
         is_folder = target.is_dir() and not target.is_symlink()
-        why = target / "why.txt" if is_folder else target.with_name(f"{target.name}.txt")
-        why.write_text(reason + "\n")
+        note = target / "why.txt" if is_folder else target.with_name(f"{target.name}.txt")
+        note.write_text(reason + "\n")
 
 
 def doubt(folder, record):
-    """Why a folder cannot be taken as it stands, or None; a changed time of change makes the bytes decide."""
+    """Reason why a folder contradicts its record, or None; product.nc is hashed only if its time of change differs."""
     try:
         with (folder / "product.nc").open("rb") as file:
             status = os.fstat(file.fileno())
@@ -328,7 +328,7 @@ def doubt(folder, record):
 
 
 def _bears_labels(record, read):
-    """True if the texts that ``read`` gives at two places of a product file are key and digest of the record."""
+    """True if ``read(offset)`` at the two recorded offsets of a product file gives its key and digest."""
     places, labels = record["labels_at"], [record["key"].encode(), record["digest"].encode()]
     return len(places) == 2 and all(0 <= place < record["bytes"] for place in places) and [*map(read, places)] == labels
 

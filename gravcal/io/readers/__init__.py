@@ -1,8 +1,8 @@
 """Level-1 files as xarray Datasets: one table per product, native values and tags, accelerometer axes moved to SRF.
 
 Headers are the YAML one of GRACE-FO RL04 and the 80-column one of GRACE and the constants. Binary records are numpy
-structures, big endian and packed. ASCII ones polars reads at once where all are alike; what varies is sorted by layout.
-What is doubtful keeps its value and gets a bit in ``flag``.
+structures, big endian and packed. ASCII records are read by polars at once if all are alike, else layout by layout.
+Doubtful records keep their values and get a bit in ``flag``.
 """
 
 import re
@@ -45,7 +45,7 @@ class Column:
 
     @property
     def file_name(self) -> str:
-        """Name in the header of a file."""
+        """Name of the column in the header of a file."""
         return self.file or self.name
 
     @property
@@ -91,7 +91,7 @@ class Product:
 
     @property
     def layout_key(self) -> str:
-        """Column that decides which values follow, empty where all records are alike."""
+        """Column that determines which columns follow the fixed ones, empty where all records are alike."""
         return "prod_flag" if self.optional else "n_prns" if self.repeated else ""
 
     @property
@@ -100,11 +100,11 @@ class Product:
         return self.columns[-1].kind == "text"
 
     def column(self, name: str) -> Column:
-        """The column of that name."""
+        """Column of that name: fixed, optional or repeated."""
         return next(c for c in (*self.columns, *self.optional, *self.repeated) if c.name == name)
 
     def following(self, key: int) -> tuple[Column, ...]:
-        """Columns after the fixed ones where the layout key has this value."""
+        """Columns after the fixed ones in records whose column `layout_key` has this value."""
         if self.repeated:
             return self.repeated * key
         return tuple(c for c in self.optional if key >> c.bit & 1)
@@ -117,7 +117,7 @@ class Product:
 
 @cache
 def names() -> tuple[str, ...]:
-    """All products that have a table."""
+    """Names of all products that have a table, sorted."""
     return tuple(sorted(path.stem for path in PRODUCTS.glob("*.toml")))
 
 
@@ -137,14 +137,14 @@ def table_of(name: str, mission: str = "GRACE-FO") -> Product:
     return Product(name=name, mission=mission, **rest, **columns)
 
 
-def _loaded(name):
+def _loaded(name):  # dict of a product's TOML table, on top of that of the product it is "like"
     table = tomllib.loads((PRODUCTS / f"{name}.toml").read_text(encoding="utf-8"))
     if "like" in table:
         table = {**_loaded(table["like"]), **table}
     return table
 
 
-def _for_grace(table, grace):
+def _for_grace(table, grace):  # dict of a table with the changes for GRACE
     changed = {**table, **{k: v for k, v in grace.items() if k not in ("flags", "change")}}
     changed["flags"] = {**table.get("flags", {}), **grace.get("flags", {})}
     change = grace.get("change", {}) | {"GRACEFO_id": GRACE_ID}
@@ -158,17 +158,17 @@ def _for_grace(table, grace):
     return changed
 
 
-def _frozen(value):
+def _frozen(value):  # lists as tuples, nested
     return tuple(_frozen(v) for v in value) if isinstance(value, list) else value
 
 
 def mission_of(satellite: str) -> str:
-    """Mission a satellite letter belongs to."""
+    """Mission of a satellite letter: "GRACE" for A, B, X, else "GRACE-FO"."""
     return "GRACE" if satellite in tuple("ABX") else "GRACE-FO"
 
 
 def reordered(table: Product, swapped: tuple[str, ...]) -> Product:
-    """The same table with two columns exchanged."""
+    """Copy of a table with two columns exchanged; swapped: their names, or ()."""
     if not swapped:
         return table
     other = dict(zip(swapped, reversed(swapped), strict=True))
@@ -187,16 +187,16 @@ DAMAGED = "The file is damaged or of another layout: fetch it again, or correct 
 
 @dataclass(frozen=True)
 class Header:
-    """What the header of a file says; ``names`` are its columns in order, empty where it lists none."""
+    """Content of a file's header; ``names`` are its columns in order, () where it lists none."""
 
     binary: bool
-    size: int
-    lines: int
+    size: int  #: bytes of the header
+    lines: int  #: lines of the header
     satellite: str = ""
-    declared: int | None = None
+    declared: int | None = None  #: number of records
     names: tuple[str, ...] = ()
     product: str = ""
-    notes: dict = field(default_factory=dict)
+    notes: dict = field(default_factory=dict)  #: {label: text} kept as attributes
 
 
 def parse_header(data: bytes, where) -> Header:
@@ -220,7 +220,7 @@ def parse_header(data: bytes, where) -> Header:
     return Header(False, size, data.count(b"\n", 0, size), satellite, declared, names, "", notes)
 
 
-def _yaml(text, where):
+def _yaml(text, where):  # mapping "header" of YAML (bytes), refused if too deep, with aliases, or no YAML
     loader, depth = getattr(yaml, "CSafeLoader", yaml.SafeLoader), 0
     try:
         for event in yaml.parse(text, loader):  # the loader below recurses, and crashes where it goes too deep
@@ -235,7 +235,7 @@ def _yaml(text, where):
         return refuse(where, f"a header that is not YAML ({reason})", "a YAML header", "The file is damaged.")
 
 
-def _label_header(data, where):
+def _label_header(data, where):  # Header of 80-column lines "label : value"
     end = LABEL_END.search(data, 0, HEADER_LIMIT)
     if not end:
         expected, remedy = "a YAML or an 80-column header", "This is no Level-1 file, or a cut one."
@@ -254,7 +254,7 @@ def _label_header(data, where):
     return Header(binary, end.end(), lines, satellite, declared, product=product, notes=notes)
 
 
-def _letter(platform):
+def _letter(platform):  # "C" of "GRACE C", "Y" of "GRACE C+D", "" of any other text
     match = re.fullmatch(r"GRACE ([A-D])(\+[A-D])?", platform.strip())
     if not match:
         return ""
@@ -262,7 +262,7 @@ def _letter(platform):
 
 
 class Malformed(Exception):
-    """A token that is not of its column's kind: row (from 0), column, token and what was expected."""
+    """A token that is not of its column's kind: row (from 0), Column, token and expected form (text)."""
 
     def __init__(self, row, column, token, expected):
         super().__init__(f"row {row}, column {column.name}: {token!r} is not {expected}")
@@ -285,13 +285,13 @@ def decode(series, column: Column) -> np.ndarray:
 
 
 def _empty(table, n):
-    """Arrays of so many records of fixed and optional columns, to be filled; absent values NaN."""
+    """{column: (n,)} of fixed (zeros) and optional columns (NaN, empty characters), to be filled with n records."""
     arrays = {c.name: np.zeros(n, dtype_of(c)) for c in table.columns}
     return arrays | {c.name: np.zeros(n, "S1") if c.kind == "c" else np.full(n, np.nan) for c in table.optional}
 
 
 def dtype_of(column: Column) -> np.dtype:
-    """Type of the array that stands for a column that every record has."""
+    """Type of the array of a column that every record has."""
     if column.kind in INTEGERS:
         return np.dtype("i8")
     if column.kind in FLOATS:
@@ -308,9 +308,9 @@ def bits_value(token: str, column: Column, row: int = 0) -> int:
 
 
 def _by_distinct(series, column):
-    """Bits or characters, each distinct token converted once: such columns hold a few values in a million rows."""
+    """Array (n,) of bits or characters from a series; each distinct token is converted once, as there are few."""
 
-    def convert(token, row):
+    def convert(token, row):  # int of bits, or bytes of a character; Malformed if it is neither
         if column.kind in BITS:
             return bits_value(token, column, row)
         if len(token) != 1 or not token.isascii():
@@ -345,13 +345,13 @@ def parse_binary(data: bytes, start: int, table: Product, where) -> dict[str, np
 
 
 def structure(columns) -> np.dtype:
-    """Packed big-endian record of these columns."""
+    """Structured type of a packed big-endian record of these columns."""
     codes = {"c": "S1", "text": "S0", **BITS}
     return np.dtype([(c.name, ">" + codes.get(c.kind, c.kind)) for c in columns])
 
 
 def _by_flag(body, table, where):
-    """Records of several lengths: find where each starts, then read those alike together."""
+    """{column: (n,)} of binary records of several lengths, read together for each value of prod_flag."""
     starts, flags = _starts(body, table, where)
     arrays, raw = _empty(table, len(starts)), np.frombuffer(body, np.uint8)
     for flag in np.unique(flags):
@@ -365,7 +365,7 @@ def _by_flag(body, table, where):
     return arrays
 
 
-def _starts(body, table, where):
+def _starts(body, table, where):  # (first byte, prod_flag) (n,) of each binary record
     fixed = structure(table.columns)
     offset = fixed.fields["prod_flag"][1]
     width = fixed.fields["prod_flag"][0].itemsize
@@ -386,7 +386,7 @@ def _starts(body, table, where):
 
 
 def _with_text(body, table, where):
-    """Records that end in a text closed by a zero byte."""
+    """{column: (n,)} of binary records that end in a text closed by a zero byte."""
     fixed = structure(table.columns[:-1])
     data = bytes(body)
     position, heads, texts = 0, [], []
@@ -402,13 +402,13 @@ def _with_text(body, table, where):
     return arrays | {table.columns[-1].name: np.array(texts, dtype=str)}
 
 
-def _native(values, column):
+def _native(values, column):  # binary values (n,) in the type of `dtype_of`
     if column.name == "tank_id":  # written as a digit
         values = values - ord("0")
     return values.astype(dtype_of(column))
 
 
-def _refuse_cut(where, whole, rest, size):
+def _refuse_cut(where, whole, rest, size):  # raises: ``rest`` of ``size`` bytes after ``whole`` records
     remainder = f"{rest} bytes after record {whole}"
     refuse(f"{where}, record {whole + 1}", remainder, f"{size} bytes", TRUNCATED, record=whole + 1, bytes=rest)
 
@@ -439,7 +439,7 @@ def parse_text(data: bytes, start: int, header_lines: int, table: Product, where
 
 
 def _at_once(data, start, header_lines, table):
-    """All columns in one go where every record is laid out as the first one is; None where one is not."""
+    """{column: (n,)} by one read_csv where all records have the layout and blanks of the first; else None."""
     pieces = data[start : data.index(b"\n", start)].decode("utf-8", "replace").split(" ")
     columns = _layout(table, [piece for piece in pieces if piece])
     if columns is None or table.repeated:
@@ -465,7 +465,7 @@ def _at_once(data, start, header_lines, table):
 
 
 def _layout(table, tokens):
-    """Columns of a record with these tokens, None where they fit no layout."""
+    """Columns of the table that match the tokens (texts) of one record; None if they match no layout."""
     key, names = 0, [c.name for c in table.columns]
     if table.layout_key:
         place = names.index(table.layout_key)
@@ -479,7 +479,7 @@ def _layout(table, tokens):
     return columns if len(columns) == len(tokens) else None
 
 
-def _key_value(table, token, row=0):
+def _key_value(table, token, row=0):  # whole number of a token of the column `layout_key`; Malformed if none
     column = table.column(table.layout_key)
     if column.kind.startswith("b"):
         return bits_value(token, column, row)
@@ -489,7 +489,7 @@ def _key_value(table, token, row=0):
 
 
 def _sorted_by_layout(body, table, where, header_lines):
-    """Records of several layouts, with any blanks between columns: each layout is read by itself."""
+    """{column: (n,)} and "undecodable" of records of several layouts, each layout read by itself."""
     lines, undecodable = _lines(body, table, where, header_lines)
     text = polars.Series("line", lines, dtype=polars.String)
     counts = text.str.count_matches(" ", literal=True).to_numpy() + 1
@@ -525,7 +525,7 @@ def _sorted_by_layout(body, table, where, header_lines):
 
 
 def _lines(body, table, where, header_lines):
-    """Lines of the file, and which of them are not UTF-8."""
+    """([line], (n,) bool: not UTF-8) of the records; refused if such a line is of a table without text."""
     body = body.rstrip(b" \t\r\n")
     try:
         lines = body.decode().split("\n")
@@ -540,7 +540,7 @@ def _lines(body, table, where, header_lines):
 
 
 def _text_columns(text, table):
-    """Leading columns, then the rest of the record as it stands."""
+    """[Series of text] of the leading columns, and of the rest of each line as it is."""
     leading = len(table.columns) - 1
     pattern = r"^\s*" + r"\s+".join([r"(\S+)"] * leading) + r"(?:\s(.*?))?\r?$"
     columns = text.str.extract_groups(pattern).struct.unnest()
@@ -550,7 +550,7 @@ def _text_columns(text, table):
     return columns.fill_null("").get_columns()
 
 
-def _groups(text, table):
+def _groups(text, table):  # [(value of the column `layout_key`, rows (m,))], one a layout
     if not table.layout_key:
         return [(0, np.arange(len(text)))]
     place = [c.name for c in table.columns].index(table.layout_key)
@@ -630,7 +630,7 @@ def read(source, product=None, *, expect_satellite=None, expect_date=None) -> xr
 
 
 def _check_columns(header, table: Product, where):
-    """The columns a YAML header lists have to be those of the table, in its order; optional ones may be left out."""
+    """Refuse a YAML header unless its columns are those of the table, in its order; optional ones may be left out."""
     if not header.names:
         return
     names = [n for n in map(_plain, header.names) if n not in map(_plain, table.header_only)]
@@ -644,25 +644,25 @@ def _check_columns(header, table: Product, where):
     refuse(where, clash, "the columns of RL04", "Another product or release: give the right product, or add its table.")
 
 
-def _plain(name):
+def _plain(name):  # name of a column with "_" for odd characters
     return re.sub(r"[^A-Za-z0-9+-]", "_", str(name).strip())
 
 
 def _tags(arrays, table, where):
-    """Whole seconds, and ns since the epoch."""
+    """(whole seconds (n,), ns (n,)) of the time tags, int64, past 2000-01-01 12:00:00."""
     ticks = arrays[table.time[0]] * TICKS["s"]
     if len(table.time) > 1:
         column, values = table.column(table.time[1]), arrays[table.time[1]]
         tick = TICKS[column.units]
-        beyond = np.count_nonzero((values < 0) | (values >= TICKS["s"] // tick))
-        if beyond > len(values) / 2:
+        too_large = np.count_nonzero((values < 0) | (values >= TICKS["s"] // tick))
+        if too_large > len(values) / 2:
             largest = f"{column.name} up to {values.max()} {column.unit}"
             refuse(where, largest, "less than one second", "The unit differs from the table's: correct the table.")
         ticks = ticks + values * tick
     return ticks // TICKS["s"], ticks
 
 
-def _assembled(arrays, seconds, ticks, flag, table):
+def _assembled(arrays, seconds, ticks, flag, table):  # Dataset over "record" with units, frames, meanings
     fractions = (ticks - seconds * TICKS["s"]) / TICKS["s"]
     common = {"time_scale": table.time_scale, "units": "s"}
     note = "seconds past 2000-01-01 12:00:00 GPS"
@@ -674,8 +674,8 @@ def _assembled(arrays, seconds, ticks, flag, table):
     }
     names = srf_names(table)
     bits = int(np.bitwise_or.reduce(arrays["prod_flag"], initial=0)) if table.optional else 0
-    held = [column for column in table.optional if bits >> column.bit & 1]  # by at least one record
-    for column in (*table.columns, *held, *table.repeated):
+    present = [column for column in table.optional if bits >> column.bit & 1]  # by at least one record
+    for column in (*table.columns, *present, *table.repeated):
         dims = ("record", "slot") if column in table.repeated else "record"
         name = names.get(column.name, column.name)
         about = table.column(name)
@@ -703,11 +703,11 @@ def _assembled(arrays, seconds, ticks, flag, table):
 
 
 def srf_names(table):
-    """Name in SRF of each column of the accelerometer frame: x is column z, y is column x, z is column y."""
+    """{column in AF: name in SRF}: SRF x is column z, y is column x, z is column y of the accelerometer frame."""
     return {af[(i + 2) % 3]: af[i] for af in table.to_srf for i in range(3)}
 
 
-def _bits(meanings):
+def _bits(meanings):  # CF attributes flag_masks and flag_meanings of {mask: text}, {} without
     if not meanings:
         return {}
     words = [re.sub(r"[^A-Za-z0-9.+-]+", "_", text).strip("_") for text in meanings.values()]
@@ -716,7 +716,7 @@ def _bits(meanings):
 
 
 def flags(arrays: dict, ticks: np.ndarray, table: Product, satellite: str) -> np.ndarray:
-    """Bits of what is doubtful in each record, (n,) uint8 as in ``MEANING``; ``ticks`` (n,) int64 ns are time tags."""
+    """Bits (n,) uint8 of the doubts about each record, as in ``MEANING``; ``ticks`` (n,) int64 ns are time tags."""
     flag = np.zeros(len(ticks), np.uint8)
     _mark(flag, arrays.get("undecodable"), UNDEFINED)
     _mark(flag, _other_time(arrays, table), OUT_OF_RANGE)
@@ -741,31 +741,31 @@ def flags(arrays: dict, ticks: np.ndarray, table: Product, satellite: str) -> np
     return flag
 
 
-def _mark(flag, where, bit):
+def _mark(flag, where, bit):  # set a bit in flag (n,) where (n,) bool; None: nowhere
     if where is not None and where.any():
         flag[where] |= bit
 
 
-def _check_order(flag, ticks, arrays, table):
+def _check_order(flag, ticks, arrays, table):  # marks records out of order, repeated or conflicting in flag
     steps = np.diff(ticks)
     if (steps > 0).all():
         return
     _mark(flag, np.concatenate([[False], ticks[1:] < np.maximum.accumulate(ticks)[:-1]]), OUT_OF_ORDER)
     keys = [np.unique(arrays[k], return_inverse=True)[1] for k in table.keys if k in arrays]
     order = np.lexsort([np.arange(len(ticks)), *keys, ticks])
-    same = np.ones(len(ticks) - 1, bool)
+    same_key = np.ones(len(ticks) - 1, bool)
     for key in (ticks, *keys):
-        same &= key[order][1:] == key[order][:-1]
-    if not same.any():
+        same_key &= key[order][1:] == key[order][:-1]
+    if not same_key.any():
         return
-    equal = np.ones(len(order) - 1, bool)
+    same_values = np.ones(len(order) - 1, bool)
     for column in (*table.columns, *table.optional, *table.repeated):
         if column.name in arrays and column.name != "qualflg":
             values = arrays[column.name][order]
             alike = (values[1:] == values[:-1]) | ((values[1:] != values[1:]) & (values[:-1] != values[:-1]))
-            equal &= alike.reshape(len(alike), -1).all(axis=1)
-    flag[order[1:][same & equal]] |= REPEATED
-    flag[order[1:][same & ~equal]] |= CONFLICTING
+            same_values &= alike.reshape(len(alike), -1).all(axis=1)
+    flag[order[1:][same_key & same_values]] |= REPEATED
+    flag[order[1:][same_key & ~same_values]] |= CONFLICTING
 
 
 def _check_identity(file, header, table, arrays, expected):
@@ -773,12 +773,12 @@ def _check_identity(file, header, table, arrays, expected):
     where, (satellite, day) = file.where, expected
     if not table.id_name:  # a combined product is the file of either satellite
         satellite = archive.TOGETHER.get(satellite, satellite)
-    said = {"name": file.satellite, "request": satellite or ""}
+    claimed = {"name": file.satellite, "request": satellite or ""}
     if table.id_name and len(arrays[table.id_name]):
-        said["records"] = chr(np.bincount(arrays[table.id_name].view(np.uint8)).argmax())
+        claimed["records"] = chr(np.bincount(arrays[table.id_name].view(np.uint8)).argmax())
     else:  # headers are known to name the other satellite: records overrule them
-        said["header"] = header.satellite
-    letters = {k: v for k, v in said.items() if v}
+        claimed["header"] = header.satellite
+    letters = {k: v for k, v in claimed.items() if v}
     if len(set(letters.values())) > 1:
         claims = ", ".join(f"{v} by its {k}" for k, v in letters.items())
         refuse(where, f"satellite {claims}", "one satellite", "Take the file of the right satellite.", **letters)
@@ -795,30 +795,30 @@ def _check_identity(file, header, table, arrays, expected):
             first = np.datetime_as_string(noon_2000 + np.timedelta64(int(seconds[0]), "s"))
             coverage = f"no record of {day}, the first at {first} GPS"
             refuse(where, coverage, f"records of {day}", "Take the right day's file.")
-    wrong = _other_time(arrays, table)
-    if wrong is not None and 2 * np.count_nonzero(wrong) > wrong.size:  # fewer are flagged
-        written = ", ".join(sorted({one.decode("latin-1") for one in np.unique(arrays["time_ref"][wrong])}))
+    other_scale = _other_time(arrays, table)
+    if other_scale is not None and 2 * np.count_nonzero(other_scale) > other_scale.size:  # fewer are flagged
+        written = ", ".join(sorted({one.decode("latin-1") for one in np.unique(arrays["time_ref"][other_scale])}))
         expected = f"{', '.join(KNOWN_TIMES[table.time_scale].decode())} for {table.time_scale} time"
         remedy = "The tags are of another time scale: take the product of the right level."
         refuse(where, f"time_ref {written}", expected, remedy)
-    lengths = _off_length(arrays, table)
-    if lengths is not None and np.count_nonzero(lengths) > NORM_SHARE * lengths.size:  # fewer are flagged
-        norms = f"{np.count_nonzero(lengths)} of {lengths.size} quaternions whose norm is not one"
+    off_norm = _off_length(arrays, table)
+    if off_norm is not None and np.count_nonzero(off_norm) > NORM_SHARE * off_norm.size:  # fewer are flagged
+        norms = f"{np.count_nonzero(off_norm)} of {off_norm.size} quaternions whose norm is not one"
         refuse(where, norms, "unit quaternions", "The file is damaged: fetch it again, or write it with more digits.")
 
 
 def _off_length(arrays, table):
-    """Records whose quaternion is no rotation; None where the product has none."""
+    """True (n,) where the norm of the quaternion differs from one; None where the product has none."""
     if not table.quaternion:
         return None
     with np.errstate(over="ignore", invalid="ignore"):
-        excess = np.abs(np.sqrt(sum(arrays[name] * arrays[name] for name in table.quaternion)) - 1)
-    limit = np.clip(NORM_ROUNDINGS * np.nanmedian(excess), *NORM_LIMITS) if np.isfinite(excess).any() else 0.0
-    return ~(excess <= limit)
+        deviation = np.abs(np.sqrt(sum(arrays[name] * arrays[name] for name in table.quaternion)) - 1)
+    limit = np.clip(NORM_ROUNDINGS * np.nanmedian(deviation), *NORM_LIMITS) if np.isfinite(deviation).any() else 0.0
+    return ~(deviation <= limit)
 
 
 def _other_time(arrays, table):
-    """Records whose tag is of another time scale than the product's; None where no record says."""
+    """True (n,) where time_ref is not that of the product's time scale; None without such a column."""
     if "time_ref" not in arrays:
         return None
     known = np.frombuffer(KNOWN_TIMES[table.time_scale], np.uint8)
