@@ -100,8 +100,7 @@ def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Proble
         rows = []
         for channel, axis in sorted({(str(block.channel[i]), int(block.axis[i])) for i in far}):
             samples = np.flatnonzero((block.channel == channel) & (block.axis == axis))
-            groups = _alone(values[samples, 0], limit, order.get(channel, 0) + WIDE)
-            groups = [samples[g] for g in groups]
+            groups = [samples[g] for g in _alone(values[samples, 0], limit, order.get(channel, 0) + WIDE)]
             worst_rows = [int(g[np.argmax(np.abs(values[g, 0]))]) for g in groups]
             for group, worst in zip(groups, worst_rows, strict=True):
                 if samples.size < 8 * BANDS or _explained(problem, baseline, residuals, k, group, limit, worst_rows):

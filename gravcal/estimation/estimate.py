@@ -92,8 +92,7 @@ def estimate(
             f"observations {observed.shape}: found columns {columns.shape}, {len(noise)} noise models, "
             f"{len(nuisance)} nuisance rows, expected ({count}, {series}, {len(names)}), {series}, {count}."
         )
-    information, right, dof = 0.0, 0.0, -len(names)
-    rows = []
+    information, right, dof, rows = 0.0, 0.0, -len(names), []
     for axis in range(series):
         valid = np.isfinite(observed[:, axis]) & np.isfinite(columns[:, axis]).all(axis=1)
         white = whiten(noise[axis], np.column_stack([observed[:, axis], columns[:, axis], nuisance]), valid)
