@@ -114,6 +114,8 @@ def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_p
     remembered = lfilter([1 - kept], [1, -kept], drag, zi=[kept * drag[0]])[0]
     moved = observed.without([memory])["linear"].values - products["ingest"]["linear"].values
     assert np.allclose((moved[:, 1] - moved[:, 0])[:, 2], 1e-10 * remembered, atol=1e-16)
+    law, size = "torque, wave of 4 times its argument", {"torque_z_cosine": Parameter(1e-7, None, "N m")}
+    assert np.ptp(observed.without([Entry("unknown:latitude", law, size)])["torque"][:, 2]) == pytest.approx(2e-7, 0.01)
     shapes = {form: shape for _, form, shape in responses.drivers(observed.about)}
     quiet = observed.made["linear"].models[2].density(np.array([4 / 5670]))
     linear = products["gradient"]["linear_b"].copy(deep=True)

@@ -207,12 +207,10 @@ class GradientTorque(Observations):
         """
         extended = self.record.copy(deep=True)
         for entry in model:
-            catalogued = effect(entry.cause) if entry.listed else None
-            if entry.form.startswith("torque, ") or (catalogued and catalogued.channel in ("torque_b", "dipole_b")):
-                if catalogued:
-                    torque = added_to_channels(self.about, catalogued)["torque"] @ catalogued.values(entry.values)
-                else:
-                    torque = added_by(entry, "torque", "torque, ", drivers(self.about))
+            known = effect(entry.cause) if entry.listed else None
+            if entry.form.startswith("torque, ") or (known and known.channel in ("torque_b", "dipole_b")):
+                torque = known and added_to_channels(self.about, known)["torque"] @ known.values(entry.values)
+                torque = added_by(entry, "torque", "torque, ", drivers(self.about)) if torque is None else torque
                 extended["torque"] = extended.get("torque", 0.0) + xr.DataArray(torque, dims=("time", "axis"))
                 extended["torque"].attrs |= {"units": "N m", "frame": "b", "long_name": "of effects that are taken out"}
                 continue
@@ -291,9 +289,8 @@ def _result(drag: xr.Dataset, _method: str | None = None) -> tuple[str, np.ndarr
 
 
 NOTE = (
-    "A day is looked at in stretches of two hours, with the noise measured in the day itself: the difference of "
-    "both sensors, the star camera against the angular readings, and the torque that gravity gradient and control "
-    "leave."
+    "A day is looked at in stretches of two hours, with the noise measured in the day itself: the difference of both "
+    "sensors, the star camera against the angular readings, and the torque that gravity gradient and control leave."
 )
 READINGS = {
     "linear": " It is the difference of both sensors; its mean is left out.",
