@@ -104,9 +104,8 @@ def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_p
     unit = gravity.gradient_e(gravity.Field(GM, EARTH_RADIUS, cosine, 0 * cosine), about["position_e"])
     expected = -1e-6 * np.matvec(gravity.rotate_tensor(about["R_be"], unit), about["positions"][0])
     assert np.allclose(moved[:, 0], expected, atol=1e-3 * np.abs(expected).max())
-    law = "linear, a memory of component x, tau 300 s"
-    sizes = {"linear_z": Parameter(1e-10, None, "m s-2"), "tau": Parameter(300.0, None, "s")}
-    memory = Entry("unknown:drag", law, sizes)
+    size = {"linear_z": Parameter(1e-10, None, "m s-2"), "tau": Parameter(300.0, None, "s")}
+    memory = Entry("unknown:drag", "linear, a memory of component x, tau 300 s", size)
     for one in (entry, memory):
         assert sum(np.sum(rows**2) for rows in observed.response(one)) > 100
     drag = about["non_gravitational_b"][:, 0] - about["non_gravitational_b"][:, 0].mean()
@@ -114,8 +113,9 @@ def test_a_coefficient_of_the_field_is_looked_for_by_degree_and_order(rng, tmp_p
     remembered = lfilter([1 - kept], [1, -kept], drag, zi=[kept * drag[0]])[0]
     moved = observed.without([memory])["linear"].values - products["ingest"]["linear"].values
     assert np.allclose((moved[:, 1] - moved[:, 0])[:, 2], 1e-10 * remembered, atol=1e-16)
-    law, size = "torque, wave of 4 times its argument", {"torque_z_cosine": Parameter(1e-7, None, "N m")}
-    assert np.ptp(observed.without([Entry("unknown:latitude", law, size)])["torque"][:, 2]) == pytest.approx(2e-7, 0.01)
+    size = {"torque_z_cosine": Parameter(1e-7, None, "N m")}
+    wave = observed.without([Entry("unknown:latitude", "torque, wave of 4 times its argument", size)])["torque"].values
+    assert np.ptp(wave[:, 2]) == pytest.approx(2e-7, 1e-2)
     shapes = {form: shape for _, form, shape in responses.drivers(observed.about)}
     quiet = observed.made["linear"].models[2].density(np.array([4 / 5670]))
     linear = products["gradient"]["linear_b"].copy(deep=True)
