@@ -66,8 +66,7 @@ def enough(draw: Callable, rng: np.random.Generator, folder: Path, right=RIGHT, 
     Parameters
     ----------
     draw : function of a seed and an empty folder, which holds its store -> what was wrong, None if nothing was
-    rng : of the run
-    folder : for the files
+    rng, folder : of the run, for the files
     right, wrong : how many draws decide
     """
     if os.environ[VARIABLE] == str(FIXED):
