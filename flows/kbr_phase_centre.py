@@ -157,7 +157,7 @@ def values(document):
 
 
 def recomputed(document, section, printed, run):
-    """(values, sigmas) for a printed row: component (mm) of Tables 4 to 6, vector (m, mm, mm) of Table 7; or None."""
+    """(values, sigmas) for a printed row: component (mm) of Tables 4 to 6, vector (mm, um, um) of Table 7; or None."""
     letter = printed.satellite[-1].upper()
     if section == "vkb1b":
         if not printed.solution.startswith("paper_2020"):

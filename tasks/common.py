@@ -1,4 +1,4 @@
-"""Begin of every calibration: finding the Level-1 files of an event, and reading them."""
+"""Start of every calibration: finding the Level-1 files of an event, and reading them."""
 
 import datetime
 import json

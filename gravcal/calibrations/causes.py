@@ -77,7 +77,7 @@ class LateTags(Observations):
         return [listed(effect(slug), columns, self.form, prior=False) for slug, columns in self.columns.items()]
 
     def worth_another(self, gains: Sequence[tuple[str, float]], adequate: bool) -> bool:  # noqa: ARG002
-        """False: the search is not repeated once the orbit is moved."""
+        """False: the orbit in the records that are left is no longer one of another time."""
         return False
 
     def without(self, model: Sequence[Entry]) -> Any:  # noqa: ARG002

@@ -112,7 +112,7 @@ def held_out(grams: np.ndarray, baseline: np.ndarray, index: np.ndarray) -> floa
 
 
 def _shares(block, others, index, size):
-    """Share (k,) of the information of block + others (m, m) that others have, by k independent directions (i, k)."""
+    """Share (k,) of the information of block + others (m, m) that others have along k independent directions (i, k)."""
     whitening = root_of((block + others)[np.ix_(index, index)], 1e-9, size[index])
     share, rotated = np.linalg.eigh(whitening.T @ others[np.ix_(index, index)] @ whitening)
     return np.clip(share, 0.0, 1.0), whitening @ rotated
@@ -185,7 +185,7 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
 
 
 def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, tie: float) -> Separation:
-    """Separation of a cause, true at its fitted value, from another by these data; done from a chi-square of tie on."""
+    """Separation of a cause, true at its fitted value, from another by these data: reached at a chi-square of tie."""
     total = problem.total
     gram = projected(total, baseline)
     true, place = problem.places[index], problem.places[other]

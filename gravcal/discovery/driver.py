@@ -450,7 +450,7 @@ def _change(result, observed):
 
 
 def _gained(result):
-    """Gain: chi-square, log likelihood and BIC before and after, rms of the whitened residuals by channel."""
+    """Gain: chi-square, log likelihood, whitened residual rms by channel, before and after; change of BIC."""
     (before, after), count = result.chi2, result.problem.samples.sum()
     extra = result.baseline.size - (result.problem.shared.stop - result.problem.shared.start)
     heldout, bic = float(sum(f.heldout for f in result.findings)), after - before + extra * float(np.log(max(count, 1)))

@@ -30,7 +30,7 @@ class Scan:
 def steps(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray]) -> Scan:
     """Scan of a step in the linear acceleration at every epoch that the blocks offer, on all axes, then on each.
 
-    Each block by itself; then, where there are several, all with one step size at epochs of equal number in each.
+    Each block by itself; then, where there are several, all with one step size at epochs of the same index in each.
     """
     inverse = inverse_of_baseline(problem, baseline)
     place, at, dof, gain = [np.zeros(0, dtype=int)], [np.zeros(0)], [np.zeros(0, dtype=int)], []

@@ -68,7 +68,7 @@ class Moving:
 
     @property
     def walks(self) -> np.ndarray:
-        """Sizes (w,) of the walk per root of a year: 0, then below the error to thrice the spread between steps."""
+        """Sizes (w,) of the walk per root of a year: 0, and below the error up to thrice the spread between steps."""
         parts = np.split(self.value, np.searchsorted(self.time, np.sort(self.steps)))
         spread = max(3 * self.error, *(np.ptp(part) for part in parts if part.size))
         years = np.median(np.diff(self.time)) / YEAR_S

@@ -50,7 +50,7 @@ def inventory(folder) -> list[LevelOneFile]:
 
 
 def days(folder, wanted: str | None = None) -> dict[str, dict[str, LevelOneFile]]:
-    """{date: {"IS1", "ATT", "ORB": LevelOneFile}} of an inertial sensor, of one day or all; refused if one lacks."""
+    """{date: {"IS1", "ATT", "ORB": LevelOneFile}} of an inertial sensor, one day or all; refused if one is missing."""
     by_day: dict = {}
     for one in inventory(folder):
         if wanted in (None, one.date) and one.product in INERTIAL:

@@ -40,12 +40,12 @@ def acceleration_i(position_i):
 
 
 def gradient_i(position_i):
-    """Gravity-gradient tensor dg/dr (..., 3, 3) s-2, point mass and J2, at positions (..., 3) m, each element apart.
+    """Gravity-gradient tensor dg/dr (..., 3, 3) s-2, point mass and J2, at positions (..., 3) m.
 
     Notes
     -----
     G = mu/r^3 (3 e e^T - 1) (equations.md section 1) plus the derivative of the J2 term of acceleration_i, both as the
-    series of `gradient_e` of C_00 = 1 and C_20 = -J2 / sqrt(5). Symmetric, without trace.
+    series of `gradient_e` of C_00 = 1 and C_20 = -J2 / sqrt(5). Symmetric, without trace; each element by itself.
     """
     position = check_shape("position_i", position_i, (..., 3))
     _distance(position)

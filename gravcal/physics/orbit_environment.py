@@ -22,7 +22,7 @@ def sun_i(time_gps):
 
 
 def sunlit(position_i, sun):
-    """True (n,) where positions (n, 3) m are outside the cylinder of the Earth's shadow; sun (n, 3) its direction."""
+    """True (n,) where positions (n, 3) m are outside the cylinder of the Earth's shadow; sun (n, 3) unit vector."""
     along = np.sum(position_i * sun, axis=-1)
     return (along > 0) | (np.linalg.norm(position_i - along[..., None] * sun, axis=-1) > EARTH_RADIUS)
 

@@ -153,7 +153,7 @@ def tied_table(findings: Sequence[NamedCause]) -> Table:
 
 
 def gain_table(gain: Gain) -> Table:
-    """Table of the rms of the whitened residual of each channel, chi-square and BIC before and after the findings."""
+    """Whitened residual rms by channel and chi-square, before and after findings; held-out gain, change of BIC."""
     rms = [(name, one, gain.rms_after[name]) for name, one in gain.rms_before.items() if one is not None]
     rows = [[name, f"{before:.3f}", f"{after:.3f}"] for name, before, after in rms]
     pair = f"{gain.chi2_before:.0f} / {gain.dof_before}", f"{gain.chi2_after:.0f} / {gain.dof_after}"

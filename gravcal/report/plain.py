@@ -1,4 +1,4 @@
-"""Plain values of a result document (not finite becomes null, never NaN), and numbers formatted for readers."""
+"""Plain values of a result document (null where not finite, never NaN), and numbers formatted for readers."""
 
 import csv
 import datetime

@@ -283,7 +283,7 @@ def attributes(node):
 
 
 def foreword(origin: str) -> str:
-    """Begin of a verdict: "SIMULATED. " or "MIXED. ", "" where all data are measured."""
+    """Start of a verdict: "SIMULATED. " or "MIXED. ", "" where all data are measured."""
     return "" if origin == MEASURED else f"{origin.upper()}. "
 
 

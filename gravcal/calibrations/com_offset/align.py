@@ -196,7 +196,7 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
 
 
 def _outliers(name, time, values, flag, limit):
-    """Flags (n,), OUTLIER where a usable sample deviates from its neighbours alone; of a star camera from a cubic."""
+    """Flags (n,), OUTLIER where a usable sample alone deviates from its neighbours (star camera: from their cubic)."""
     outliers, usable = np.zeros_like(flag), np.flatnonzero(flag == 0)
     reach, weights, floor = REACH.get(name, (0, None, 0.0))
     if not reach or usable.size < 2:

@@ -418,7 +418,7 @@ def _motion(window, fit, timing, aligned, noise, choice):
 
 
 def _per_manoeuvre(count, fitted):
-    """{variable: (count, ...)} of shifts, scales, residual rms, from (index, Window, Fit, WaveFit) of those fitted."""
+    """{variable: (count, ...)}: shifts, scales, residual rms of fitted (index, Window, Fit, WaveFit); others NaN."""
     single, wide = ("sca_shift", "acc_shift"), ("torque_scale", "angular_scale")
     table = {f"{name}{tail}": np.full(count, np.nan) for name in single for tail in ("", "_sigma")}
     table |= {f"{name}{tail}": np.full((count, 3), np.nan) for name in wide for tail in ("", "_sigma")}

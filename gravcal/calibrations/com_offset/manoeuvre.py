@@ -427,7 +427,7 @@ def attitude_noise(smoothed: xr.Dataset, views: list[Manoeuvre], wider: list[np.
 
 
 def at_one_hertz(field_: xr.Dataset, begin: float, end: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Time (n,) s, measured minus model field (n, 3) T, valid (n,) at 1 Hz: each value is written twice a second."""
+    """Time (n,) s, measured minus model field (n, 3) T, valid (n,) at 1 Hz: each value is written twice."""
     time = field_["time_mag"].values
     inside = np.flatnonzero((time > begin) & (time < end))
     measured = field_["measured_b"].values[inside]

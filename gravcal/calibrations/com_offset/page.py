@@ -343,7 +343,7 @@ def _within(value, sigma, limit):
 
 
 def vcm_line(document, satellite):
-    """Sequence-of-events line of the adopted offset (a comment unless measured), None with a component undetermined."""
+    """Sequence-of-events line: offset adopted from the last manoeuvre on, comment unless measured; None if partial."""
     if document["status"] not in documents.WITH_RESULT or document["adopted"]["variant"] is None:
         return None
     name = document["adopted"]["variant"]

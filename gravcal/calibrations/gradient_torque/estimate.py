@@ -270,7 +270,7 @@ def _rms(values):
 
 
 def _arc(modelled, one_sensor, sensor, epochs, spacing, satellite):
-    """Motion and standard deviations of a sensor at some epochs, `spacing` s apart, from a quarter of the record on."""
+    """Motion and deviations of a sensor at epochs at most `spacing` s apart, from a quarter of the record on."""
     time, drag_b = modelled["time"].values, one_sensor["drag_b"].values
     step = float(np.median(np.diff(time)))
     every = max(1, min(round(spacing / step), time.size // (2 * epochs)))

@@ -26,7 +26,7 @@ from gravcal.physics import frames, kinematics, sensing
 
 STEP, TONE = "accelerometer.bias_step", "accelerometer.stray_tone"
 STILL = 3.0  # an axis moves if its angular acceleration is above this many times the noise of a bin
-FEEBLE = 5.0  # ratio to the largest, below which the motion about an axis has no period of its own
+FEEBLE = 5.0  # ratio of the largest motion to that about an axis, above which that has no period of its own
 FINE = 16384  # points of the Fourier transform in which it is looked for
 LINE_ORDER = 3  # of the autoregressive noise against which a slow line is tested
 

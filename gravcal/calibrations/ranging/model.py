@@ -267,7 +267,7 @@ def estimate(rows: xr.Dataset, *, determined_limit_mm: float, **settings) -> xr.
 def equations_of(
     parts: list[Block], rows: xr.Dataset, observed: np.ndarray, column: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, float]:
-    """Normal equations (k, p, p), (k, p) of columns (n, p) in k blocks, over a variance inflation factor, and this.
+    """Normal equations (k, p, p), (k, p) of columns (n, p) in k blocks, over a variance inflation factor; the factor.
 
     Orbit errors and pointing both follow the orbit. Columns moved by whole revolutions cannot be there: where they
     gain more than one each in chi-square, on average, variances are larger by this excess.
