@@ -382,7 +382,7 @@ class _Beside:
 
 
 def refined(problem: Problem, baseline: np.ndarray, index: int) -> tuple[Problem, int]:
-    """Problem with a candidate in the shape of largest gain, and its index; as it was if it has none or is refined."""
+    """Problem with a candidate in its best shape beside baseline columns (p,) int, and its index; or as it was."""
     candidate = problem.candidates[index]
     if candidate.shape is None or candidate.shape.covariance is not None:
         return problem, index

@@ -51,8 +51,8 @@ def lagging(time, edges, dipole, missing, tau, leads):
 def lag_swing(edges: np.ndarray, dipole_b: np.ndarray, shift: float, time: np.ndarray, tau: float) -> np.ndarray:
     """Double time integral (n, 3) A m2 s2 of the dipole of rods that lag by tau minus ideal ones with edges + shift.
 
-    Rods that lag start at edges + shift - tau: a jump D gives D (t2 / 2 - tau t + tau2 (1 - exp(-t / tau))), an ideal
-    rod D (t - tau)2 / 2 from tau on.
+    Edges (m + 1,) s, dipole_b (m, 3) between. Rods that lag start at edges + shift - tau: a jump D gives
+    D (t^2 / 2 - tau t + tau^2 (1 - exp(-t / tau))), an ideal rod D (t - tau)^2 / 2 from tau on.
     """
     missing, jump = lag_missing(edges, dipole_b, tau)
     edges = edges + (shift - tau)

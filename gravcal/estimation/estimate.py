@@ -109,7 +109,8 @@ def estimate(
             f"parameters. Give a longer record."
         )
     value, covariance = _solved(information, right)
-    residual = np.column_stack([part[:, 0] - part[:, 1:] @ np.nan_to_num(value) for part in rows])
+    solution = least_squares.stable_inverse(information) @ right  # of directions that are not determined too
+    residual = np.column_stack([part[:, 0] - part[:, 1:] @ solution for part in rows])
     chi2 = float(np.sum(residual**2))
     return Estimate(tuple(names), unit, value, covariance, chi2, dof, information, right, residual)
 
@@ -124,9 +125,9 @@ def together(*estimates: Estimate) -> Estimate:
         raise EstimationError("found estimates of different parameters or units, expected the same.")
     information, right = (sum(getattr(one, name) for one in estimates) for name in ("information", "right"))
     value, covariance = _solved(information, right)
-    chi2 = 0.0
+    chi2, solution = 0.0, least_squares.stable_inverse(information) @ right
     for one in estimates:
-        moved = np.nan_to_num(value) - np.nan_to_num(one.value)
+        moved = solution - least_squares.stable_inverse(one.information) @ one.right
         chi2 += one.chi2 + float(moved @ one.information @ moved)
     dof = sum(one.dof for one in estimates) + (len(estimates) - 1) * len(first.names)
     residual = np.concatenate([one.residual for one in estimates])

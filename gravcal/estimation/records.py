@@ -218,7 +218,7 @@ class Unobservable:
     signal_to_noise: float
     bias: Numbers  #: of the result
     bias_in_sigma: float
-    bias_in_error: Numbers = ()  #: share of the error of the result
+    bias_in_error: Numbers = ()  #: of the result, the part that its error holds already
     drag_bias_m_s2: Numbers = ()
 
 

@@ -164,7 +164,7 @@ def gain_table(gain: Gain) -> Table:
 
 
 def unobservable_table(outcome: Outcome) -> Table:
-    """Table of the 12 causes that bias the calibration most and cannot be separated from its parameters."""
+    """Table of the 12 causes that bias the calibration most, inseparable from it; last what its errors hold of that."""
     rows, change = [], outcome.calibration_change
     about = list(zip(change.names, change.sigma_before, units(change.unit, change.names), strict=True))
     for one in sorted(outcome.indistinguishable_from_calibration, key=lambda r: -r.bias_in_sigma)[:12]:

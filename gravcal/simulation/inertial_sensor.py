@@ -236,7 +236,7 @@ def _motion(fine, swing_start, path, chosen, rng):
     sway = rng.uniform(300.0, 900.0, 3)
     rate_dot = rate_dot + 2e-8 * np.sin(2 * np.pi * fine[:, None] / sway + rng.uniform(0, 2 * np.pi, 3))
     rate = cumulative_trapezoid(rate_dot, dx=FINE, axis=0, initial=0.0)
-    rate = rate - rate.mean(axis=0) * 0.1 + np.array([0.0, -orbital_rate(chosen), 0.0])
+    rate = rate - rate.mean(axis=0) * 0.1 + np.array([0.0, -orbital_rate(chosen), 0.0])  # 90 % stay: a drift
     first = frames.quaternion_from_R_bi(frames.flight_frame(path(fine[:1])))[0]
     start = frames.quaternion_product(first, frames.from_rotation_vector(5e-4 * rng.standard_normal(3)))
     return attitude(FINE, rate, start), rate, rate_dot

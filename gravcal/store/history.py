@@ -191,7 +191,7 @@ def raw_files(key):
 def level_one_folders(calibration):
     """[(event, folder, satellite, date)] of the Level-1 files from which the events of the store were made.
 
-    The date is None for an event of several days.
+    The date is None for an event of several days; of a pair the satellite is its first letter.
     """
     by_event, sources, latest = {}, [], location.folder() / "latest"
     for link, folder in (*store.links(f"*/{calibration}.*"), *store.links(f"*/as/*/{calibration}.*")):

@@ -341,11 +341,11 @@ def of_torque(one: Manoeuvre, torque_of) -> dict[str, np.ndarray]:
 
 
 def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Epochs and reading that the model of a channel predicts, and whitened rows (n, q) converted to its unit.
+    """Epochs and reading that the model of a channel predicts, and three whitened rows converted to its unit.
 
-    The linear and the angular reading are those after the low-pass of the solution; the attitude is the rotation from a
-    satellite whose torquers are off. Time (m,) s, model (m, 3) m s-2, rad s-2, rad or T, columns (q, m, 3) likewise,
-    NaN where there is no sample.
+    Rows (n, 3): observed, left without a finding, left with it. The linear and the angular reading are those after the
+    low-pass of the solution; the attitude is the rotation from a satellite whose torquers are off. Time (m,) s, model
+    (m, 3) m s-2, rad s-2, rad or T, columns (3, m, 3) likewise, NaN where there is no sample.
     """
     valid, time = one.valid[channel], one.times[channel]
     parts = rows[one.place(channel)].reshape(3, valid.size, -1)

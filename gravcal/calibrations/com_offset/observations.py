@@ -29,7 +29,7 @@ LARGE = 400.0  # gain in chi-square of an effect whose second order may be seen
 def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | LateTags | None":
     """Observations of an event from products "align", "field", "attitude" and "solve" of mtq; None without manoeuvre.
 
-    Where instruments agree with each other and attitudes are off the orbit, the tags of the orbit are wrong.
+    LateTags where tags of an instrument are late, or all agree and attitudes are off the orbit: its tags are wrong.
 
     Settings are those of the stages attitude, noise and solve, with inertia, dipole_per_current and mass; for the
     blocks also linear_drift_degree and angular_drift_degree, and for `common` drag_sigma_m_s2 and period_s.
@@ -45,7 +45,7 @@ def observe(products: Mapping[str, xr.Dataset], **settings) -> "ComOffset | Late
         return orbit
     records = products["align"], products["field"], products["attitude"]
     normal, right = (np.nansum(products["solve"][name].values, axis=0) for name in ("normal", "right"))
-    offset, noise = stable_inverse(normal) @ right, {}  # of all manoeuvres together
+    offset, noise = stable_inverse(normal) @ right, {}  # m, of all manoeuvres together; noise is measured on first use
     views = manoeuvre.manoeuvres(*records, offset, noise, settings)
     orders, period = dict.fromkeys(("linear", "angular"), settings["noise_order"]), settings["period_s"]
     half = float(np.median(np.diff(products["attitude"]["time_acc"].values))) / 2

@@ -41,7 +41,7 @@ def orbit_frame(position_i, velocity_i):
 
 
 def orbit_rates(time, position_i, velocity_i):
-    """Rate (n, 3) rad s-1 of the orbit frame against i and its derivative, from the orbit, which may have gaps."""
+    """Rate (n, 3) rad s-1 of the orbit frame against i, in its own axes, and its derivative; orbits may have gaps."""
     since = time - time[0]
     every = max(1, int(NODE_STEP / np.median(np.diff(time))))
     kept = np.unique(np.append(np.arange(0, time.size, every), time.size - 1))

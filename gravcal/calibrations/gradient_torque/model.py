@@ -153,8 +153,8 @@ def torque(
 ) -> xr.Dataset:
     """Product "gradient_torque.torque": amplitude spectra by zonal degree, and the angular noise of the sensor.
 
-    Attitude is that of "gradient_torque.gradient", the orbit that of the file; the satellite has inertia, test_mass,
-    test_mass_inertia, angular_noise_density, panel_area, panel_normal, panel_centre.
+    Attitude (`modelled`, by all sensors) is that of "gradient_torque.gradient", `stored` the field; the satellite has
+    inertia, test_mass(_inertia), angular_noise_density (1.5 bins of a Hann spectrum), panel_area, _normal, _centre.
     """
     time, position = observed["time"].values, observed["position"].values
     every = slice(None, None, max(1, round(spectrum_step_s / float(np.median(np.diff(time))))))

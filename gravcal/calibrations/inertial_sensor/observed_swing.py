@@ -84,7 +84,7 @@ class SwingView:
         return all_bins
 
     def blocks(self, parameters: Sequence[str]) -> list[Block]:
-        """A block for each channel; global columns: parameters, start values of the attitude, drifts of readings."""
+        """A block for each channel; global columns: `parameters` (names), start values of the attitude, drifts."""
         record, system, tensor = self.record, self.system, np.nan_to_num(self.tensor)
         attitude = np.column_stack([system.residual, system.design])
         drift, offset_term = on_axes(self.trend), np.matvec(tensor, self.start[3:6])
@@ -101,10 +101,10 @@ class SwingView:
             "linear": self.linear_rows(np.where(self.good[:, None, None], linear, 0.0)),
         }
         reported = [parameters.index(name) for name in self.parameters]
-        drifts = len(parameters) + attitude.shape[1] - 4  # after the start values of the attitude
-        width = drifts + drift.shape[2]
-        places = {"attitude": [*reported[:3], *range(len(parameters), drifts)]}
-        places["linear"] = [*reported[:2], *reported[3:], *range(drifts, width)]
+        first_drift = len(parameters) + attitude.shape[1] - 4  # column; 4: residual, two factors and delay
+        width = first_drift + drift.shape[2]
+        places = {"attitude": [*reported[:3], *range(len(parameters), first_drift)]}
+        places["linear"] = [*reported[:2], *reported[3:], *range(first_drift, width)]
         middle, axes, blocks = self.swing.middle, np.arange(3), []
         by_time = (one[system.valid] for one in (np.tile(axes, middle.size), np.repeat(middle, 3)))
         axis_and_time = {"attitude": by_time, "linear": (np.repeat(axes, self.time.size), np.tile(self.time, 3))}

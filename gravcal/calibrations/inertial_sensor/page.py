@@ -186,7 +186,7 @@ def _sections(document, published):
 
 
 def _factors(document, published):
-    """Table 4: nominal, ground and orbit as printed, the printed beta taken to k without the 1/2, and ours."""
+    """Table 4: nominal, ground, orbit as printed, printed beta as k without the 1/2 (k_z by both arms), and ours."""
     known = {r["labels"]["factor"]: r["value"] for r in published.get("scale_factors", ())}
     again = {}
     if "beta_y" in known:

@@ -211,7 +211,7 @@ def _subset(name, parts, sign, nominal, constants, band):
     residual = observed - design @ value
     variance = residual @ residual / max(observed.size - unknowns, 1)
     sharp = robust.solve(observed, design, constants, unknowns)
-    shape = band_variance(subset, residual, *band) / variance if band else 1.0
+    shape = band_variance(subset, design, residual, *band) / variance if band else 1.0
     place = np.flatnonzero(free[:6])
     solutions = (value, normal / (variance * shape), 1.0), (sharp.value, sharp.information / shape, sharp.formal_factor)
     for k, (estimate, information, formal) in enumerate(solutions):
@@ -227,29 +227,30 @@ def _subset(name, parts, sign, nominal, constants, band):
     return result
 
 
-def band_variance(parts: list[Arc], residual: np.ndarray, low_hz: float, high_hz: float, step_s: float) -> float:
-    """Power of whitened residuals (n,) in a frequency band over that expected; one where the noise is as measured."""
+def band_variance(parts: list[Arc], design, residual, low_hz: float, high_hz: float, step_s: float) -> float:
+    """Power of residuals (n,) whitened, less design (n, p), in a band over that expected; 1 if noise is as measured."""
     power = expected = 0.0
     cuts = np.cumsum([part.observed.size for part in parts])[:-1]
-    for part, piece in zip(parts, np.split(residual, cuts), strict=True):
+    global_columns = np.split(least_squares.orthonormal(design), cuts)
+    for part, columns, piece in zip(parts, global_columns, np.split(residual, cuts), strict=True):
         frequency = np.fft.rfftfreq(piece.size, step_s)
         inside = (frequency >= low_hz) & (frequency <= high_hz)
-        fitted = np.column_stack([part.basis, least_squares.orthonormal(part.column)])
+        fitted = np.column_stack([part.basis, columns])
         power += np.sum(np.abs(np.fft.rfft(piece)[inside]) ** 2) / piece.size
         expected += inside.sum() - np.sum(np.abs(np.fft.rfft(fitted, axis=0)[inside]) ** 2) / piece.size
     return power / max(expected, 1.0)
 
 
 def _by_manoeuvre(equations, parts, numbers, joint, scale):
-    """Transverse component m of each manoeuvre alone, others held at `joint` (6,) m, and the chi-square of them."""
+    """Transverse component m of each manoeuvre, others held at `joint` (6,) m, sigma, chi-square; scale: sigma0."""
     value, sigma = (np.full(equations.sizes["manoeuvre"], np.nan) for _ in range(2))
     chi2, parameters = 0.0, set()
     for part, k in zip(parts, numbers, strict=True):
         parameter = 3 * int(equations["satellite_index"][k]) + (2, 1)[int(equations["axis_index"][k])]
         column = part.column[:, parameter]
         residual = part.observed - part.column[:, :6] @ joint
-        if part.column.shape[1] > 6:
-            residual = residual - residual.mean()
+        if part.column.shape[1] > 6:  # a bias beside
+            column, residual = column - column.mean(), residual - residual.mean()
         information = column @ column
         value[k] = joint[parameter] + column @ residual / information
         sigma[k] = scale / np.sqrt(information)

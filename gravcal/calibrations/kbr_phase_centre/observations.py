@@ -52,7 +52,7 @@ def observe(
 
 
 def _late_orbit(aligned, orbit):
-    """Observations of a campaign with the tags of one orbit late, from the range rate, and its records moved back."""
+    """Observations of a campaign with one orbit late, as of `late_orbit`, by the range rate; its records moved back."""
     satellite, position = orbit["satellite"], aligned["position_i"].values.copy()
     second = np.arange(aligned.sizes["time"])
     inside = (second + orbit["late"] >= 0) & (second + orbit["late"] < second.size)

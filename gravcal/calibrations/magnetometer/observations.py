@@ -36,7 +36,7 @@ def observe(products: Mapping[str, xr.Dataset], *, blocks: int, **settings) -> "
     order = settings["noise_order"] if np.ptp(field.time) > model.LONG_S else 0
     noise = model.noise(field, step, free, order, 1e-9 * settings["field_noise_nt"])
     parts, columns = np.array_split(np.arange(field.time.size), blocks), columns | {"unknown:time": drift}
-    if late:  # nothing else is looked for beside what is not there
+    if late:  # fields are not where tagged: only delays are causes, columns the whole effect over the delay
         columns = {cause: (change / delay)[..., None] for cause, (delay, change) in late.items()}
     delays = {cause: Parameter(delay, FAR[cause], "s") for cause, (delay, _) in late.items()}
     return Readings(aligned, field, noise, parts, columns, delays, {"magnetometer": noise[0].reflection.size})

@@ -216,7 +216,7 @@ def estimate(
         scaled = least_squares.stable_inverse(information.sum(axis=0)) @ right.sum(axis=0)
         delay_step = float(scaled[36] * prior[36])  # s; parameter 36 is the delay, after 18 forces and 18 torques
         amplitude = np.concatenate([(scaled * prior)[k : k + 18].reshape(6, 3) for k in (0, 18)], axis=1)
-        amplitude[:, 3:] += 0.0 if observed[:, 3:].any() else aligned["nominal_b"].values  # of a transplant
+        amplitude[:, 3:] += 0.0 if observed[:, 3:].any() else aligned["nominal_b"].values  # no angular reading
         amplitude[:, :3] -= np.cross(amplitude[:, 3:], (scaled * prior)[-3:])  # the offset may undo most of a force
         value = np.where(np.arange(prior.size) == 36, 0.0, scaled * prior)
         delay += delay_step

@@ -210,7 +210,7 @@ def discovered(*searches, parts: Mapping, missing: Mapping[str, str], reported: 
 
 
 def _statistics(part, products):
-    """Rows {"what", "measured_rms", "residual_rms", "unit"} of each component: rms of readings and residuals."""
+    """Rows {"what", "measured_rms", "residual_rms", "unit"}: rms of what is fitted and left; thrusters: noise alone."""
     if part == "thrusters":  # noise of each head about each axis, from stretches without firings
         noise, rows = products["noise"], []
         for head, factor in zip(noise["head"].values, noise["factor"].values, strict=True):
@@ -221,10 +221,10 @@ def _statistics(part, products):
     else:
         measured, fitted, unit = SERIES[part]
         series = [np.atleast_2d(products["estimate"][name].values.T) for name in (measured, fitted)]
-        labels = COMPONENTS if part == "accelerometer" else "xyz"
+        labels = COMPONENTS if part == "accelerometer" else ["range"] if part == "ranging" else "xyz"
         rms = [[number(np.sqrt(np.nanmean(one**2))) for one in both] for both in (series[0], series[0] - series[1])]
         units = [unit if part != "accelerometer" else "m s-2" if c < 3 else "rad s-2" for c in range(len(rms[0]))]
-        rows = zip(labels, *rms, units, strict=False)
+        rows = zip(labels, *rms, units, strict=True)
     return [dict(zip(("what", "measured_rms", "residual_rms", "unit"), row, strict=True)) for row in rows]
 
 

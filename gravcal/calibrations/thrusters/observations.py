@@ -71,7 +71,7 @@ class Attitude(Observations):
         """Candidates with columns (n, 3, q) rad of the attitude in every block, not whitened."""
         segments, firings = [row.segment for row in self.rows], self.firings
         gain = estimate.gains_alone(self.rows, firings)
-        if self.late:  # nothing else is looked for beside what is not there
+        if self.late:  # firings are not where tagged: only delays are causes, columns the whole effect over `late`
             whole = [segment.gains(firings) @ gain[:, None] / self.late for segment in segments]
             return [unweighed(effect(slug), [sign * one for one in whole]) for slug, sign in DELAYS.items()]
         by_delay = [segment.delay(Firings(firings.time, firings.impulse_b * gain)) for segment in segments]
@@ -115,7 +115,7 @@ class Attitude(Observations):
         return [unweighed(cause, columns)]
 
     def _along_the_orbit(self, segments: list[Segment]):
-        """Candidates of a constant torque in sunlight only, and of a constant dipole of the satellite in the field."""
+        """Candidates of a torque in sunlight alone, its smooth part projected out, and of a dipole of the satellite."""
         orbit, position, field = (self.aligned[name].values for name in ("time_orbit", "position_i", "field_i"))
         dipole = effect("torque.residual_dipole")
         light = orbit_environment.sunlit(position, orbit_environment.sun_i(orbit[:1])).astype(float)
