@@ -29,8 +29,8 @@ def _forget():
 
 def pytest_collection_modifyitems(items):
     """Long files first; skipped is what needs a folder beside the project where it is not, data or that of the mark."""
-    long = "test_docs.py", "test_docs_commands.py", "test_fuzz.py", "test_recovery.py", "test_serve.py", "test_wheel.py"
-    items.sort(key=lambda item: item.path.name not in long)
+    long = "docs", "docs_commands", "fuzz", "recovery", "serve", "wheel", "bad_input", "published_methods", "readme"
+    items.sort(key=lambda item: item.path.stem.removeprefix("test_") not in long)
     for item in items:
         for mark in item.iter_markers("measured"):
             folder = SHARED.joinpath(*(mark.args or ("data",)))

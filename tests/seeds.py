@@ -63,11 +63,8 @@ def levels():
 def enough(draw: Callable, rng: np.random.Generator, folder: Path, right=RIGHT, wrong=WRONG) -> None:
     """Assert that draws are right often enough. With the seed of every run there is one, which has to be.
 
-    Parameters
-    ----------
-    draw : function of a seed and an empty folder, which holds its store -> what was wrong, None if nothing was
-    rng, folder : of the run, for the files
-    right, wrong : how many draws decide
+    A draw is a function of a seed and an empty folder, which holds its store -> what was wrong, None if nothing was; so
+    many right or wrong ones decide.
     """
     if os.environ[VARIABLE] == str(FIXED):
         right = wrong = 1

@@ -129,6 +129,7 @@ def test_an_interrupt_ends_a_campaign_at_once(environment, events, pipeline, tmp
     assert housekeeping.verify() == []
 
 
+@pytest.mark.long
 def test_a_campaign_is_one_prefect_flow_with_a_task_per_event(environment, events, pipeline, prefect_home):
     """Contract: silent, and the failed event does not stop the flow."""
     (events / "3" / pipeline.raw.name).unlink()

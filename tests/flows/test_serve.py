@@ -329,6 +329,7 @@ def test_a_note_beside_the_run_says_what_a_new_event_changed(environment, events
     assert "- [joint.html](http://127.0.0.1:" in second
 
 
+@pytest.mark.long
 def test_a_killed_run_is_seen_running_then_crashed_and_its_links_stay(environment, events, pipeline, store_folder):
     """Contract: the page shows an event at work; after kill -9 of all, the next start marks it and goes on."""
     begun = events.parent / "begun"
