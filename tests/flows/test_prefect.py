@@ -139,7 +139,6 @@ def test_a_first_serve_is_silent(tmp_path):
 TABLES = ("flow_run", "flow_run_state", "task_run", "artifact", "log")
 
 
-@pytest.mark.long
 def test_the_database_does_not_keep_old_runs(tmp_path, monkeypatch):
     """Contract: a run of a month ago goes with its task, table and log; a run of today and its task stay."""
     monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
