@@ -276,7 +276,7 @@ def table(heads, rows):
     made = table.Table(box=None, padding=(0, 2, 0, 0), pad_edge=False, header_style="bold")
     for head, *column in zip(heads, *rows, strict=True):
         right = bool(column) and all(isinstance(cell, (int, float)) for cell in column)
-        made.add_column(head, justify="right" if right else "left", no_wrap=True)
+        made.add_column(text.Text(head), justify="right" if right else "left", no_wrap=True)
     for row in rows:
         made.add_row(*(text.Text(str(cell), COLOURS.get(str(cell), "")) for cell in row))
     screen = console.Console(width=WIDE, height=WIDE, force_terminal=False if os.environ.get("NO_COLOR") else None)

@@ -145,10 +145,10 @@ def _explained(problem, baseline, residuals, index, group, limit, near):
         value = np.linalg.lstsq(clean, residuals[index][:, 0], rcond=1e-6)[0]
         return value, np.abs(residuals[index][group, 0] - clean[group] @ value).max()
 
-    epochs = ((one.columns[index], epoch_of(one.cause)) for one in problem.candidates if one.listed)
-    steps = dict(block.steps) | {epoch: rows for rows, epoch in epochs if rows is not None and np.isfinite(epoch)}
     if any(fitted(shape)[1] < limit for shape in block.steps.values()):
         return True
+    epochs = ((one.columns[index], epoch_of(one.cause)) for one in problem.candidates if one.listed)
+    steps = dict(block.steps) | {epoch: rows for rows, epoch in epochs if rows is not None and np.isfinite(epoch)}
     for row, shape in ((r, shape) for r in near for shape in _steps_about(block, steps, r)):
         value, remainder = fitted(shape)
         largest = int(np.argmax(np.abs(shape[row] * value)))

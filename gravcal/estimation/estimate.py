@@ -108,8 +108,7 @@ def estimate(
             f"found {dof + len(names)} samples beyond the nuisance parameters, expected more than the {len(names)} "
             f"parameters. Give a longer record."
         )
-    value, covariance = _solved(information, right)
-    solution = least_squares.stable_inverse(information) @ right  # of directions that are not determined too
+    value, covariance, solution = _solved(information, right)
     residual = np.column_stack([part[:, 0] - part[:, 1:] @ solution for part in rows])
     chi2 = float(np.sum(residual**2))
     return Estimate(tuple(names), unit, value, covariance, chi2, dof, information, right, residual)
@@ -124,8 +123,8 @@ def together(*estimates: Estimate) -> Estimate:
     if any((one.names, one.unit) != (first.names, first.unit) for one in estimates):
         raise EstimationError("found estimates of different parameters or units, expected the same.")
     information, right = (sum(getattr(one, name) for one in estimates) for name in ("information", "right"))
-    value, covariance = _solved(information, right)
-    chi2, solution = 0.0, least_squares.stable_inverse(information) @ right
+    value, covariance, solution = _solved(information, right)
+    chi2 = 0.0
     for one in estimates:
         moved = solution - least_squares.stable_inverse(one.information) @ one.right
         chi2 += one.chi2 + float(moved @ one.information @ moved)
@@ -135,9 +134,9 @@ def together(*estimates: Estimate) -> Estimate:
 
 
 def _solved(information, right):
-    """Values (p,) and covariance (p, p) of normal equations, NaN where not determined."""
+    """Values (p,) and covariance (p, p) of normal equations, NaN where not determined; the least solution (p,)."""
     covariance = least_squares.covariance(information)
     determined = np.isfinite(np.diag(covariance))
-    value = least_squares.stable_inverse(information) @ right
+    solution = least_squares.stable_inverse(information) @ right
     covariance = np.where(determined[:, None] & determined, covariance, np.nan)
-    return np.where(determined, value, np.nan), covariance
+    return np.where(determined, solution, np.nan), covariance, solution

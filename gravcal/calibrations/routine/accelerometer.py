@@ -348,6 +348,6 @@ def _transients(aligned, pieces, residuals, models, limit):
 
 def check(solution: xr.Dataset, *, agreement_limit: float, delay_limit_s: float) -> xr.Dataset:
     """Checks of the result: probability that its parts disagree so much, delay of the tags of firings."""
-    delay = solution["value"].values[list(map(str, solution["parameter"].values)).index("delay")]
-    made = [checks.at_most("tags of firings against readings", abs(float(delay)), delay_limit_s, "s")]
+    delay = float(solution["value"].sel(parameter="delay"))
+    made = [checks.at_most("tags of firings against readings", abs(delay), delay_limit_s, "s")]
     return checks.product([*made[: int(np.isfinite(delay))], *named_parameters.checks(solution, agreement_limit)])

@@ -37,8 +37,8 @@ def content(products):
     estimate, aligned = products["estimate"], products["align"]
     swings, epoch = estimate["transient_swings"].values, estimate["transient"].values
     step, rate = float(aligned["step"]), np.abs(aligned["dipole_rate_b"].values).max(axis=1)
-    delay = estimate["value"].values[list(map(str, estimate["parameter"].values)).index("delay")]
-    times, fired = estimate["time"].values, aligned["firing"].values - np.nan_to_num(delay)
+    delay = float(estimate["value"].sel(parameter="delay").fillna(0.0))
+    times, fired = estimate["time"].values, aligned["firing"].values - delay
     near = np.searchsorted(aligned["time"].values, estimate["transient"].values - step / 4)
     facts = {
         "seconds": step * estimate.sizes["time"],
@@ -108,14 +108,13 @@ def report(
         checked += [replace(one, name=f"{part}: {one.name}") for one in of_product(mine["checks"])]
     fitted = [one["said"] for one in instruments.values() if one["status"] == "fitted"]
     absent = [f"{part}: {one['said']}" for part, one in instruments.items() if one["status"] == "missing"]
-    text = f"{'; '.join(fitted) or 'no instrument has its records'}."
+    text = f"{'; '.join(fitted)}."
     text += f" Missing: {'; '.join(absent)}." if absent else ""
-    body = {"status": "delivered" if fitted else "no_data", "verdict": {"text": text}}
-    body |= {"instruments": instruments, "parameters": parameters}
+    body = {"status": "delivered", "verdict": {"text": text}, "instruments": instruments, "parameters": parameters}
     made = documents.delivered("routine", body, products, checked, event=event, settings=settings)
     files = {"result.json": documents.text(made)}
     files["report.html"] = page(made, sections, products, heading="Routine day", subtitle=event)
-    return build(schemas.of("shared.toml")["report"], {"delivered": int(bool(fitted))}, event=event), files
+    return build(schemas.of("shared.toml")["report"], {"delivered": 1}, event=event), files
 
 
 def _instrument(part, layout, products):
@@ -191,11 +190,11 @@ def discovered(*searches, parts: Mapping, missing: Mapping[str, str], reported: 
     sentences = [f"{title(part)}: {one['verdict']['text']}" for part, one in results.items()]
     sentences += [f"{title(part)}: not searched, {why}." for part, why in missing.items()]
     body = {
-        "status": max((one["status"] for one in results.values()), default="no_data"),  # questionable if one is
+        "status": max(one["status"] for one in results.values()),  # questionable if one is
         "kind": "discovery",
         "verdict": {"text": " ".join(sentences)},
         "findings": findings,
-        **{w: bool(results) and all(one[w] for one in results.values()) for w in ("adequate_before", "adequate_after")},
+        **{when: all(one[when] for one in results.values()) for when in ("adequate_before", "adequate_after")},
         "parts": state,
         "gain": {part: one["gain"] for part, one in results.items()},
         "unexplained": {part: one["unexplained"] for part, one in results.items() if one["unexplained"]},
@@ -206,7 +205,7 @@ def discovered(*searches, parts: Mapping, missing: Mapping[str, str], reported: 
     heading, subtitle = "What the models of a routine day get wrong", f"{len(parts)} of {len(state)} parts have records"
     files["discovery.json"] = documents.text(result)
     files["discovery.html"] = page(result, sections, products, heading=heading, subtitle=subtitle)
-    return build(schemas.of("shared.toml")["report"], {"delivered": int(bool(parts))}, event=event), files
+    return build(schemas.of("shared.toml")["report"], {"delivered": 1}, event=event), files
 
 
 def _statistics(part, products):
