@@ -258,9 +258,9 @@ class Search:
         """Gain, dof and score (s,) at SIZES (s,) of a cause with values of its own in each event."""
         place, prior = self.places[cause], self.causes[cause].prior
         gram = self.products([*beside, self.constant(cause)], self._less_shared(cause, beside))[0]
-        last, roots = np.arange(gram.shape[1] - place.size, gram.shape[1]), []
-        for one, event_gram, event in zip(gram, self.grams, self.events, strict=True):
-            roots.append(attribution.spread(event_gram, place, event.size[self.kept]) @ one[last])
+        last, known = np.arange(gram.shape[1] - place.size, gram.shape[1]), zip(self.grams, self.events, strict=True)
+        spreads = [attribution.spread(event_gram, place, event.size[self.kept]) for event_gram, event in known]
+        roots = [spread @ one[last] for spread, one in zip(spreads, gram, strict=True)]
 
         def left(grams):  # chi-square after the fit of the laws beside
             total = grams.sum(axis=0)[: last[0], : last[0]]

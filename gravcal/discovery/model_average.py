@@ -192,17 +192,15 @@ def _unnamed(result, named, width):
     for k, candidate in enumerate(problem.candidates):
         if _whole(candidate) and not candidate.of_frame:
             forms.setdefault(slug_of(candidate.cause), []).append(k)
-    odds, moments = 1 / max(len(forms) - 1, 1), {}
+    odds = 1 / max(len(forms) - 1, 1)
 
     def weights(known, gain):  # squared sizes (s,) and their probability, that of the cause included
         spread = 1 + np.outer(SIZES, known)
         evidence = np.exp(np.minimum(np.sum(gain - np.log(spread) - gain / spread, axis=1) / 2, 300.0))
         return SIZES, odds * evidence / evidence.size / (1 + odds * evidence.mean())
 
-    for cause, rows in forms.items():
-        if cause not in causes:
-            moments[cause] = sum(_unseen(problem, gram, baseline, k, width, weights) for k in rows) / len(rows)
-    return moments
+    moment = lambda rows: sum(_unseen(problem, gram, baseline, k, width, weights) for k in rows)  # noqa: E731
+    return {cause: moment(rows) / len(rows) for cause, rows in forms.items() if cause not in causes}
 
 
 def _unseen(problem, gram, baseline, index, width, sized):

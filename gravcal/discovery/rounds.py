@@ -224,12 +224,9 @@ def _ranked(problem, used, rows, choice):
         rows = [*rivals, *(t for t in rows if t not in rivals)]
     listed = [t for t in rows if not t.cause.startswith("unknown:")]
     rivals = [t for t in listed if t.score > rows[0].score - tie]
-    if not rivals:
-        return rows
-    close = rivals[0].score > rows[0].score - tie / 2
-    if close or any(_stands(problem, used, t, rows[0], choice) for t in rivals):
-        return listed + [t for t in rows if t.cause.startswith("unknown:")]
-    return rows
+    close = bool(rivals) and rivals[0].score > rows[0].score - tie / 2
+    first = close or any(_stands(problem, used, t, rows[0], choice) for t in rivals)
+    return listed + [t for t in rows if t.cause.startswith("unknown:")] if first else rows
 
 
 def _stands(problem, used, trial, best, choice):

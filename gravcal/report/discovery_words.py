@@ -132,9 +132,6 @@ def _moves(change):
     return f" The result moves: {', '.join(moves)}." if moves else " The result moves by less than half of its error."
 
 
-def _chance(p):
-    return f"p = {probability(p)}".replace("= <", "<")
-
-
+_chance = lambda p: f"p = {probability(p)}".replace("= <", "<")  # noqa: E731
 WORDS = pages.words(__file__, "discovery_words.toml", cause=title, sentence=sentence, moves=_moves, chance=_chance)
 SYMBOLS, READINGS, LAWS = (WORDS.notes[name] for name in ("symbols", "readings", "laws"))

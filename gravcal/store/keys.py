@@ -161,9 +161,8 @@ def fingerprint(body, also=()):
         parts = dict(sorted(parts.items()))
         if len(_trees) > known:
             location.remember("modules", _trees)
-        paths = [Path(inspect.getsourcefile(body))]
-        for top, _, rest in (part.partition("/") for part in parts if ":" not in part):
-            paths.append(top_folder(top) / rest if rest else _path(top))
+        files = (part.partition("/") for part in parts if ":" not in part)
+        paths = [Path(inspect.getsourcefile(body)), *(top_folder(t) / f if f else _path(t) for t, _, f in files)]
         _bodies[name] = parts, [(path, _files[path]) for path in paths]
     parts, looked_at = _bodies[name]
     for path, status in looked_at:

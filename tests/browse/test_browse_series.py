@@ -16,8 +16,7 @@ def series_of(x, y):
 
 def written(path, x, values):
     """First column of a variable in a file."""
-    data = xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)})
-    product.write(data, path)
+    product.write(xr.Dataset({"v": (("time", "axis"), values, {"units": "V"})}, {"time": ("time", x, TIME)}), path)
     coordinate, kind, _ = series.coordinate(path, series.listed(path)["v"])
     assert kind == "time"
     return series.series(path, "v", 0, coordinate)

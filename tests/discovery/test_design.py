@@ -179,8 +179,7 @@ def test_manoeuvres_are_between_the_passes_and_apart():
 
 def test_causes_of_a_whole_session_are_told_apart_beside_all_that_is_fitted():
     """By least squares: what is left of one beside the other, the parameter and the drift of each piece."""
-    rng = np.random.default_rng(8)
-    rows = rng.standard_normal((2, 60, 4))  # two pieces: parameter, drift, two causes
+    rows = np.random.default_rng(8).standard_normal((2, 60, 4))  # two pieces: parameter, drift, two causes
     rows[:, :, 3] = rows[:, :, 2] + 0.3 * rows[:, :, 3]
     zeros = np.zeros(60, dtype=int)
     blocks = [Block(str(k), rows[k, :, 0], rows[k, :, :1], rows[k, :, 1:2], zeros, zeros, zeros) for k in range(2)]

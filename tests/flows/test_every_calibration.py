@@ -158,8 +158,7 @@ def test_an_experiment_is_said_in_document_and_page(name, level_one):
 
 
 RECORD = "gravcal/store/schemas/_record.schema.json"  # of the store's own records: no number depends on it
-opened = []  # while a stage runs: paths that it opens
-watched = []
+opened, watched = [], []  # paths that a stage opens, and whether one runs
 
 
 def _watch(event, arguments):

@@ -456,9 +456,6 @@ def _delays(fitted, aligned):
     }
 
 
-# Dynamics fitted to the star camera
-
-
 def _unknowns(choice: Choice) -> dict[str, tuple[int, float]]:
     """Unknowns in the order of the design columns, {group: (number of parameters, inverse prior variance of each)}."""
     groups = {"angle": (3, 0.0), "rate": (3, 0.0)}
@@ -534,9 +531,6 @@ def slow_torque_response(arc: Arc, time, transition, degree: int) -> np.ndarray:
     return propagator(time, transition, np.zeros(0))(basis)
 
 
-# Edge times in the angular accelerometer
-
-
 @dataclass(frozen=True)
 class WaveFit:
     """Square wave fitted to a measured angular acceleration."""
@@ -607,8 +601,7 @@ def coarse_shift(y, model, operator: Resampler, drift, noise: list[NoiseModel]) 
     valid = operator.valid
     weight = np.array([1 / n.variance[0] if n.variance[0] > 0 else 0.0 for n in noise])
     detrended = np.zeros((2, *y.shape))
-    for k, series in enumerate((y, model)):
-        detrended[k][valid] = project_out(drift[valid], series[valid])
+    detrended[:, valid] = [project_out(drift[valid], series[valid]) for series in (y, model)]
     step = float(operator.time[1] - operator.time[0])
     count = int(3.0 / step)
     inner = weight * detrended[0][count : len(y) - count]
@@ -634,9 +627,6 @@ def delay_from_brackets(shift, sigma, lower, upper) -> tuple[float, float]:
     weight /= weight.sum()
     mean = float(weight @ grid)
     return mean, float(np.sqrt(weight @ (grid - mean) ** 2))
-
-
-# The wave in the star camera alone
 
 
 def shape(arc: Arc, rod: int, shift: float, time: np.ndarray, width: float) -> np.ndarray:

@@ -11,6 +11,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 import xarray as xr
+from numpy.polynomial import polynomial
 
 from gravcal.calibrations.causes import on_axes
 from gravcal.calibrations.com_offset import attitude as motion
@@ -20,13 +21,15 @@ from gravcal.estimation import least_squares
 from gravcal.estimation import noise as noises
 from gravcal.estimation.records import Block
 from gravcal.estimation.resampling import Resampler, lines_between, operator_for
-from gravcal.physics import dynamics, frames, orbit_environment
+from gravcal.physics import dynamics, frames, gravity, kinematics, orbit_environment
 
 CHANNELS = ("linear", "angular", "attitude", "magnetometer")
 #: s, spacing of the epochs at which a step is looked for (one 1.5 s off loses a third of its gain), and from the ends.
 STEP_S, ENDS_S = 1.0, 6.0
 DRAG = np.array([6e-8, 0.0, 0.0])  # m s-2, of the environment that effects look at
 PADS_S = 60.0  # of linear reading on either side of a manoeuvre
+BEYOND_S = 10.0  # of a manoeuvre, in which records are still turned back
+ENOUGH = 20  # attitudes of a pad that determine its motion
 SHOWN = 0.05  # share of the square of what a finding adds that lies beside the manoeuvre, from which on this is shown
 
 
@@ -59,6 +62,7 @@ class Manoeuvre:
     wide_operator: Resampler  #: low-pass and resampling of the linear reading
     offset: np.ndarray  #: (3,) m, present estimate
     drift_degree: int  #: of the polynomial that stands for the drift of the linear reading, pads included
+    slow_degree: int  #: of the torque that the attitude determines beside that of the torquers
     magnetometer: tuple  #: time (m,) s, measured minus model field (m, 3) T and valid (m,) at 1 Hz
     orbit: tuple  #: (time, position_i) s, m, of the whole record
     memory: dict = field(default_factory=dict)  #: contexts at other epochs and signals, made once
@@ -102,8 +106,17 @@ class Manoeuvre:
         return slice(first, first + sizes[CHANNELS.index(channel)])
 
     def whitened(self, signal: dict[str, np.ndarray]) -> np.ndarray:
-        """Whitened rows (n, q) of a signal, zero where a channel has none; readings go through the low-pass."""
+        """Whitened rows (n, q) of a signal, zero where a channel has none; readings go through the low-pass.
+
+        The slow torque follows what turns the body, so that a linear reading shows the rest of a torque.
+        """
         rows = np.zeros((self.size, next(iter(signal.values())).shape[2]))
+        if {"linear", "attitude"} <= set(signal):
+            inside, linear = self.rows - self.wide_rows.start, signal["linear"].copy()
+            slow = least_squares.polynomial(self.time, self.slow_degree, *self.time[[0, -1]])
+            flat = linear[inside].reshape(inside.size, -1)
+            linear[inside] = least_squares.project_out(slow, flat).reshape(linear[inside].shape)
+            signal = signal | {"linear": linear}
         for channel, values in signal.items():
             rows[self.place(channel)] = self.whitened_channel(channel, values)
         return rows
@@ -200,26 +213,47 @@ def _manoeuvre(products, index, window, estimates, settings):
     end = [last + PADS_S, *((start[start > last] + last) / 2), aligned["window_stop"].values[index]]
     pads = slice(*np.searchsorted(aligned["time_acc"].values, [max(begin), min(end)]))
     wide = _wide(aligned, field_, pads, rows, context, orbit)
-    degree = round(settings["linear_drift_degree"] * np.ptp(wide.time) / (last - first))
+    slow, degree = degree, round(settings["linear_drift_degree"] * np.ptp(wide.time) / (last - first))
     usable = (aligned["acc_flag"].values == 0) & np.isfinite(aligned["linear_b"].values).all(axis=1)
     wide_operator = operator_for(wide.time, usable[pads], wide.time[0], wide.time[-1], *filters)
     law = catalogue()["accelerometer.offset"]
     context, wide = (replace(one, linear_b=law.contribution(one, offset)) for one in (context, wide))
-    present = context, wide, pads, wide_operator, offset, degree, sampled, orbit
+    present = context, wide, pads, wide_operator, offset, degree, slow, sampled, orbit
     return Manoeuvre(index, window, time, rows, operator, *partials, noise, *present)
 
 
 def _wide(aligned, field_, pads, rows, context, orbit):
-    """Context at the epochs of the linear reading (slice `pads`): outside `rows` mean motion, no torque, no current."""
+    """Context at the epochs of the linear reading (slice `pads`): outside `rows` no current, measured motion."""
     time, inside = aligned["time_acc"].values[pads], rows - pads.start
     R_bi, field_b = _attitude_and_field(aligned, field_, time)
-    parts = {"field_b": field_b}
-    for name in ("rate_b", "gradient_b", "rate_dot_b", "angular_b", "dipole_b", "field_b"):
-        inner = getattr(context, name)
-        outer = inner.mean(axis=0) if name in ("rate_b", "gradient_b") else np.zeros(inner.shape[1:])
-        parts.setdefault(name, np.broadcast_to(outer, (time.size, *inner.shape[1:])).copy())[inside] = inner
+    gradient_b = np.zeros((time.size, 3, 3))
+    if context.gradient_b.any():
+        gradient_b = R_bi @ gravity.gradient_i(lines_between(time, *orbit)) @ np.swapaxes(R_bi, 1, 2)
+    rate, rate_dot = np.broadcast_to(context.rate_b.mean(axis=0), (time.size, 3)).copy(), np.zeros((time.size, 3))
+    spans = (time[0], context.time[0] - BEYOND_S), (context.time[-1] + BEYOND_S, time[-1])
+    for outer, span in zip((slice(0, inside[0]), slice(inside[-1] + 1, None)), spans, strict=True):
+        rate[outer], rate_dot[outer] = _slow_motion(aligned, span, time[outer]) or (rate[outer], 0.0)
+    parts = {"rate_b": rate, "rate_dot_b": rate_dot, "angular_b": rate_dot.copy(), "gradient_b": gradient_b}
+    parts |= {"dipole_b": np.zeros((time.size, 3)), "field_b": field_b}
+    for name, values in parts.items():
+        values[inside] = getattr(context, name)
     environment = orbit_environment.extras(time, *orbit, R_bi, context.extra["mass"], DRAG)
     return replace(context, time=time, **parts, extra=context.extra | environment)
+
+
+def _slow_motion(aligned, span, time):
+    """Rate and its derivative (n, 3) rad s-1 and s-2 at epochs (n,) s, of one cubic through the attitudes of a span.
+
+    The span (begin, end) s; None of fewer attitudes than ENOUGH.
+    """
+    tags, quaternion = aligned["time_sca"].values, aligned["quaternion"].values
+    good = np.isfinite(quaternion).all(axis=1) & (aligned["sca_flag"].values == 0)
+    good &= (tags >= span[0]) & (tags <= span[1])
+    if good.sum() < ENOUGH:
+        return None
+    rate, _ = kinematics.rates_from_attitude(tags[good], quaternion[good], (int(good.sum()) - 1) // 2, 3)
+    fitted, since = polynomial.polyfit(tags[good] - span[0], rate, 2), time - span[0]
+    return polynomial.polyval(since, fitted).T, polynomial.polyval(since, polynomial.polyder(fitted)).T
 
 
 def _attitude_and_field(aligned, field_, time):
@@ -246,8 +280,7 @@ def field_at(arc: motion.Arc, time: np.ndarray, R_bi: np.ndarray) -> np.ndarray:
 
 def _context(window, shift, base, orbit, time):
     """Context at epochs (n,) s near a manoeuvre: motion interpolated from the Context `base`, edges `shift` s later."""
-    same = time.size == base.time.size and np.array_equal(time, base.time)
-    resampled = lambda v: v if same else lines_between(time, base.time, v)  # noqa: E731
+    resampled = lambda v: lines_between(time, base.time, v)  # noqa: E731
     R_bi = attitude_at(window, time)
     environment = orbit_environment.extras(time, *orbit, R_bi, base.extra["mass"], DRAG)
     return replace(
@@ -278,7 +311,7 @@ def block_of(one: Manoeuvre, aligned: xr.Dataset, smoothed: xr.Dataset, settings
     }
     return Block(
         label=f"manoeuvre {one.index + 1}",
-        observed=one.whitened(observed)[:, 0],
+        observed=np.concatenate([one.whitened_channel(name, values)[:, 0] for name, values in observed.items()]),
         global_columns=one.whitened({"linear": catalogue()["accelerometer.offset"].columns(one.wide)}),
         local_columns=np.concatenate([one.whitened(columns) for columns in _local(one, settings)], axis=1),
         channel=np.repeat(CHANNELS, [3 * v.size for v in one.valid.values()]),

@@ -13,7 +13,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations.causes import listed, on_axes, unknown
-from gravcal.calibrations.com_offset import lag
+from gravcal.calibrations.com_offset import lag, manoeuvre
 from gravcal.calibrations.com_offset.manoeuvre import Manoeuvre, at_accelerometer, attitude_at, field_at, of_torque
 from gravcal.effects import Context, catalogue, effect
 from gravcal.effects.accelerometer import deflection
@@ -36,7 +36,6 @@ MODES_HZ = np.arange(0.10, 0.80, MODE_STEP_HZ)
 STEP_S = 2.0  # over which the field is differentiated
 REACHED = 0.9  # share of the largest dipole of a session above which a rod may saturate
 DAMPING = 0.02  # of a flexible mode, while its frequency is looked for
-BEYOND_S = 10.0  # of a manoeuvre, in which records are still turned back
 #: Channel of an effect -> channel of a manoeuvre.
 READ = {"linear_b": "linear", "angular_b": "angular", "pointing_b": "attitude", "field_b": "magnetometer"}
 #: Tags that a delay moves; edges are seen in the currents, which have the tags of the magnetometer.
@@ -200,9 +199,6 @@ def _mode_shape(views, frequency):
     return Shape(("frequency", "damping"), ("Hz", "1"), np.array([frequency, DAMPING]), columns, tried, lower, upper)
 
 
-# drivers in no list, from the measured channels
-
-
 def _drivers(one: Manoeuvre) -> list[Form]:
     """Forms of every unlisted driver in the linear and in the angular reading, a coefficient for each of three axes."""
     forms = []
@@ -322,9 +318,6 @@ def _law_shape(views, form):
     return Shape(law.names, units, value, columns, tried, lower, upper, words=f"{channel} reading, {law.words}")
 
 
-# edge times
-
-
 def edge_block(smoothed: xr.Dataset) -> Block:
     """Block of k + 1 whitened edge times: accelerometer minus star camera in each manoeuvre, delay to telemetry."""
     rows = np.append(smoothed["acc_shift"].values - smoothed["sca_shift"].values, float(smoothed["acc_delay"]))
@@ -342,9 +335,6 @@ def edge_column(slug: str, smoothed: xr.Dataset, starts: np.ndarray) -> np.ndarr
         "timing.clock_drift": lambda: np.append(middle, middle.mean()),
     }.get(slug)
     return None if column is None else lag.whitened_edges(smoothed, column())[:, None]
-
-
-# lines
 
 
 def waves(entry: Entry, views: list[Manoeuvre], blocks: list[Block]) -> tuple[Wave, ...]:
@@ -397,9 +387,6 @@ def amplitudes(entry: Entry, views: list[Manoeuvre]) -> dict[str, Parameter]:
             error = np.sqrt(np.mean(errors) / np.sum(np.square(sizes)))
             line[letter] = Parameter(float(np.sqrt(max(square, 0.0))), float(error), UNITS[channel])
     return line
-
-
-# extended models
 
 
 def contribution(one: Manoeuvre, entry: Entry) -> dict[str, np.ndarray]:
@@ -497,7 +484,7 @@ def _subtract(extended, view, added, turned):
 
 def _angle(time, epochs, angle):
     """Rows (slice) of a record near a manoeuvre, and the rotation (n, 3) rad there, held beyond its epochs (k,) s."""
-    rows = slice(*np.searchsorted(time, [epochs[0] - BEYOND_S, epochs[-1] + BEYOND_S]))
+    rows = slice(*np.searchsorted(time, [epochs[0] - manoeuvre.BEYOND_S, epochs[-1] + manoeuvre.BEYOND_S]))
     return rows, np.stack([np.interp(time[rows], epochs, component) for component in angle.T], axis=1)
 
 

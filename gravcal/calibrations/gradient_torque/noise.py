@@ -48,10 +48,9 @@ class Channel:
 
     def whitened_angles(self, angles: Sequence[np.ndarray], width: int) -> np.ndarray:
         """Whitened rows (n, q) of angles (k, 3, q) rad of each stretch, `width` the number q."""
-        rows = [np.zeros((0, width))]
-        for angle, (_, _, lower) in zip(angles, self.stretches, strict=True):
-            rows.append(solve_triangular(lower, angle.reshape(-1, width), lower=True))
-        return np.concatenate(rows)
+        both = zip((lower for _, _, lower in self.stretches), angles, strict=True)
+        rows = (solve_triangular(lower, angle.reshape(-1, width), lower=True) for lower, angle in both)
+        return np.concatenate([np.zeros((0, width)), *rows])
 
     def in_unit(self, rows: np.ndarray) -> np.ndarray:
         """Columns (m, 3, q) of whitened rows (n, q) in the unit of the channel; of angles those of the stretches."""

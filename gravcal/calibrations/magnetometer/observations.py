@@ -81,10 +81,11 @@ class Readings(Observations):
         causes = []
         for cause, values in self.columns.items():
             columns = [self._rows(values, rows) for rows in self.parts]
-            if cause.startswith("unknown:"):
-                causes.append(unknown("time", "drift", columns, "T s-1"))
-            else:
-                causes.append(listed(effect(cause), columns, prior=False))
+            is_drift = cause.startswith("unknown:")
+            known = (
+                unknown("time", "drift", columns, "T s-1") if is_drift else listed(effect(cause), columns, prior=False)
+            )
+            causes.append(known)
         return causes
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:

@@ -114,11 +114,8 @@ class Routine(Observations):
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
         """Candidates of the effects in every block, bias and slow orbit error projected out, whitened."""
-        causes = []
-        for entry, columns in self.laws:
-            rows = [part.white(least_squares.project_out(part.slow, columns[part.rows])) for part in self.parts]
-            causes.append(listed(entry, rows, kept=slice(columns.shape[1])))
-        return causes
+        rows = lambda v: [p.white(least_squares.project_out(p.slow, v[p.rows])) for p in self.parts]  # noqa: E731
+        return [listed(entry, rows(columns), kept=slice(columns.shape[1])) for entry, columns in self.laws]
 
     @functools.cached_property
     def laws(self) -> list[tuple[Effect, np.ndarray]]:

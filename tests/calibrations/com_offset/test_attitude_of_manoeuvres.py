@@ -299,6 +299,5 @@ def test_of_waves_at_the_same_time_the_strongest_is_the_manoeuvre():
     """Contract: cross-talk in the telemetry of another rod makes no second manoeuvre; an empty record holds none."""
     time, current = record(START + 0.7)
     currents = np.stack([0.3 * current, 0 * current, -current], axis=1)
-    found = detect(magnetometer(time, currents, (25.0, 1.0, 3.0)), **SETTINGS)
-    assert found["rod"].values.tolist() == [2]
+    assert detect(magnetometer(time, currents, (25.0, 1.0, 3.0)), **SETTINGS)["rod"].values.tolist() == [2]
     assert detect(magnetometer(time[:0], currents[:0], (1.0, 2.0, 3.0)), **SETTINGS).sizes["manoeuvre"] == 0

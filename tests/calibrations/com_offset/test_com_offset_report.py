@@ -89,8 +89,7 @@ def test_a_document_is_in_micrometres_with_its_errors(products, document):
     assert [row[1] for row in block["covariance_um2"]] == block["covariance_um2"][1] == [None] * 3
     assert block["covariance_um2"][0][0] is not None
     flag = np.where(np.arange(products["align"].sizes["time_acc"]) == 7, OUTLIER, 0)
-    flagged = moved(products, "align", acc_flag=flag, sca_flag=0)
-    assert document_of(flagged)["outliers"] == {"ACC1A": 1, "SCA1B": 0}
+    assert document_of(moved(products, "align", acc_flag=flag, sca_flag=0))["outliers"] == {"ACC1A": 1, "SCA1B": 0}
 
 
 def test_what_is_undetermined_is_not_delivered_and_what_repeats_its_prior_is_null(products):

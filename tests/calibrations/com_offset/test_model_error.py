@@ -26,8 +26,7 @@ parameters.rod_y = { value = 0.3, sigma = 0.03, unit = "1" }
 """
     moved = [json.loads(one)[0]["parameters"] for one in calibration.moved_models(read(text))]
     moves = np.array([[m["rod_x"]["value"] - 0.2, m["rod_y"]["value"] - 0.3, m["rod_z"]["value"] - 0.1] for m in moved])
-    expected = [[1e-4, 0, -1.8e-4], [0, 9e-4, 0], [-1.8e-4, 0, 4e-4]]
-    np.testing.assert_allclose(moves.T @ moves, expected, atol=1e-12)
+    np.testing.assert_allclose(moves.T @ moves, [[1e-4, 0, -1.8e-4], [0, 9e-4, 0], [-1.8e-4, 0, 4e-4]], atol=1e-12)
 
 
 @pytest.mark.parametrize("wrong", ["sigma = -1.0", "sigma = nan", "sigma = 0.1, correlation = { rod_x = 2.0 }"])

@@ -126,8 +126,7 @@ def test_the_combination_is_the_mean_weighted_with_full_matrices():
         combined["offset"].values[0], total @ np.matvec(information, offsets).sum(axis=0), rtol=1e-4
     )  # prior of mm
     assert_allclose(combined["covariance"].values[0], total, rtol=1e-4, atol=1e-16)
-    expected = total + np.diag([4e-12, 1e-12, 0])
-    assert_allclose(combined["covariance_total"].values[0], expected, rtol=1e-4, atol=1e-16)
+    assert_allclose(combined["covariance_total"].values[0], total + np.diag([4e-12, 1e-12, 0]), rtol=1e-4, atol=1e-16)
     moved = np.array([[0.0, 0, 0], [1e-5, 0, 0], [0, 0, 0]])
     combined = four(lambda v: solved(v, moved, np.broadcast_to(np.eye(3) * 1e12, (3, 3, 3))))
     assert float(combined["chi2"][0]) == pytest.approx(100 * 2 / 3)

@@ -24,8 +24,7 @@ def test_a_small_change_of_rates_moves_the_attitude_to_first_order():
     time = np.arange(0, 200, 0.1)
     rate = np.stack([1e-4 * np.sin(time / 4), -1e-3 + 0 * time, 1e-4 * np.cos(time / 5)], axis=1)
     change = 1e-7 * np.stack([np.cos(time / 7), np.sin(time / 3), 1 + 0 * time], axis=1)
-    start = [1.0, 0, 0, 0]
-    q, moved = (kinematics.attitude_from_rates(time, w, start) for w in (rate, rate + change))
+    q, moved = (kinematics.attitude_from_rates(time, w, [1.0, 0, 0, 0]) for w in (rate, rate + change))
     linear = kinematics.angle_from_rate_change(time, frames.R_bi_from_quaternion(q), change[:, :, None])[:, :, 0]
     assert_allclose(frames.attitude_error(moved, q), linear, atol=2e-9)  # square of 2e-5 rad
 
@@ -162,8 +161,7 @@ def test_what_changes_along_y_with_the_revolution_is_no_residual():
 @pytest.mark.parametrize("exponent", [0, -2])
 def test_a_step_is_told_from_noise_and_noise_is_no_step(exponent):
     """Recovery: a jump of twenty times the scatter of white noise or of the steps of a random walk, within two bins."""
-    rng = np.random.default_rng(46)
-    series = rng.standard_normal((40, 1500))
+    series = np.random.default_rng(46).standard_normal((40, 1500))
     series = np.cumsum(series, axis=1) if exponent else series
     assert sum(noise.jump(one) is not None for one in series) <= 1
     stepped = series + 20.0 * (np.arange(1500) > 700)
@@ -188,8 +186,7 @@ def test_a_swing_shows_the_factor_of_y(moving):
     rate_dot = np.gradient(rate, time, axis=0)
     gradient = np.zeros((time.size, 3, 3))
     reading = np.matvec(sensing.offset_tensor(rate, rate_dot, gradient), place) / k
-    rng = np.random.default_rng(3)
-    volts = reading + 1e-7 * rng.standard_normal(reading.shape)
+    volts = reading + 1e-7 * np.random.default_rng(3).standard_normal(reading.shape)
     model = noise.NoiseModel(np.zeros(0), np.array([1e-14]), 0.5)
     record = Record(time, volts, rate, rate_dot, gradient, (model,) * 3, 2)
     found, sigma, total = factor_y(record, k * [1, 0.7, 1], np.array([0.01, 0.02, 0.03, 0.03]))
