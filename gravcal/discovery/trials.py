@@ -59,11 +59,12 @@ class Trial(NamedTuple):
     place: int = -1
     at: float = np.nan
     at_sigma: float = np.nan  #: spacing of the search over the square root of 12
+    choice: float = 0.0  #: chi-square that choosing its parameters among more of the cause is worth by chance
 
     @property
     def score(self) -> float:
-        """Gain less COST for each parameter, as in Akaike's criterion."""
-        return self.gain - COST * self.dof
+        """Gain less COST for each parameter, as in Akaike's criterion, and what choosing these costs."""
+        return self.gain - COST * self.dof - self.choice
 
 
 def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial]:
@@ -134,9 +135,10 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
             continue
         log_p = float(chi2_tail.log_tail(best.gain, best.dof, choice.freedom))
         chance = float(np.exp(min(log_p + np.log(tried * comb(count, len(few)) / SHARES["listed"]), 0.0)))
-        index, form = len(problem.candidates), f"{words} alone"
+        cost = min(2 * np.log(comb(count, len(few))), 0.99 * (best.score - full.score))  # before all of its own cause
+        about = {"index": len(problem.candidates), "form": f"{words} alone", "choice": float(cost)}
         problem = extended(problem, candidate.part(few, words))
-        rows = [*rows, best._replace(index=index, form=form, log_p=log_p, significance=chance)]
+        rows = [*rows, best._replace(log_p=log_p, significance=chance, **about)]
     return problem, rows
 
 
