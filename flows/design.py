@@ -215,10 +215,10 @@ class Place:
         return plan, summary(new, new_apart), summary(old, old_apart)
 
     def errors(self, plan, seeds, causes=(), known=None):
-        """({value: (mean sigma, rms error, unit)}, {pair of causes: mean chi-square}) of simulated flights, one a seed.
+        """({value: (rms sigma, rms error, unit)}, {pair of causes: mean chi-square}) of simulated flights, one a seed.
 
-        None: not determined. Chi-square: `design.apart`, expected, of the first `FLIGHTS` flights. With `known` names
-        (none: all) no more are flown than their mean sigma needs.
+        (None, None): not determined. Chi-square: `design.apart`, expected, of the first `FLIGHTS` flights. Flights end
+        once the sigma of the values in `known` (an empty one: of all) is settled; None flies every seed.
         """
         rows, chi2 = [], []
         for seed in seeds:

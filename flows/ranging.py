@@ -23,7 +23,7 @@ def made(source, chosen):
 
 
 def quiet_rows(source, chosen):
-    """ProductRefs of the quiet rows and of the input checks; ranging minus orbit is made as for kbr_phase_centre."""
+    """ProductRefs of the quiet rows and of the input checks; ranging minus orbit by kbr_phase_centre, its settings."""
     own = wiggles.nominal_of(source) | chosen.for_stage("align")
     chosen = catalog.parameters("kbr_phase_centre")
     files = wiggles.ingested(source, chosen)

@@ -80,7 +80,7 @@ def _alone(name):
 
 
 def _run(served, schedule, where, said):
-    """Register the deployments and run them one at a time; where: (server URL, True if the server is our child)."""
+    """Register deployments and run them one at a time; where: (server URL, True if it, with what it ran, is ours)."""
     from prefect.deployments.runner import EntrypointType
     from prefect.runner import Runner
 

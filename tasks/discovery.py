@@ -74,7 +74,7 @@ def extend_by(searched, *products, records, observations, names, settings, tenta
 
 @stage(reads=RESULTS, writes="{calibration}.discovery_report", version=11, also=["{observations}"])
 def report(searched, *combined, calibration, observations, event, satellite, settings, records):
-    """Document, page and extended model; combined: results before, after, before with the initial model."""
+    """Document, page and extended model of a search; combined: results before, after, before with the initial model."""
     named = {"calibration": calibration, "event": event, "satellite": satellite, "records": records}
     reported = getattr(importlib.import_module(observations), "REPORT", Reported())
     return report_science.report(searched, *combined, settings=settings, reported=reported, **named)

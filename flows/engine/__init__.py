@@ -52,7 +52,7 @@ class Unknown(GravcalError):
 def flow(*, name):
     """Decorator that gives a function of stages the name under which it runs; called, it runs inline.
 
-    Readable links are those of the configuration that the parameters are of.
+    Links under readable names, latest/<event>/<stage>, are those of the configuration that the parameters are of.
     """
 
     def decorate(body):  # body: (source, chosen) -> ProductRef

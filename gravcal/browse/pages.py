@@ -223,9 +223,11 @@ def _event(request):
 
 
 def _wish(request, variable):
-    """`plots.Wish` of a variable (name) from the query of a request; invalid entries are ignored."""
-    query = request.query_params
-    columns = tuple(int(text) for text in query.getlist("column") if text.isascii() and text.isdigit())
+    """`plots.Wish` of a variable (name) by a query: column, view, with (key of another product), start and even (1)."""
+    query = request.query_params  # what is not valid is ignored
+    columns = tuple(
+        int(text) for text in query.getlist("column") if text.isascii() and text.isdigit() and len(text) < 9
+    )
     view = query.get("view", "overlay")
     view = view if view in plots.VIEWS else "overlay"
     other = query.get("with", "") if store_index.entry(query.get("with", "")) else ""

@@ -61,8 +61,8 @@ def usable(observed: xr.Dataset, names: tuple[str, ...]) -> tuple[np.ndarray, np
 
 
 def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_gap_limit_s: float):
-    """GPS Tags of an "ingest" with on-board tags: by TIM1B to receiver time, by CLK1B to GPS time."""
-    limits = clock_gap_limit_s, clock_gap_limit_s, JUMP_S
+    """GPS Tags (s, flags) of an "ingest" with on-board tags: by TIM1B to receiver time, by CLK1B to GPS time."""
+    limits = clock_gap_limit_s, clock_gap_limit_s, JUMP_S  # between clock records, beyond them, of a step of the clock
     names = ("obctime", "rcvtime_intg", "rcvtime_frac", "qualflg")
     second, received, nano, flag = (tim1b[name].values for name in names)
     onboard = timing.tim1b_clock(second, received, 1e-9 * nano, flag)
@@ -160,7 +160,7 @@ def _rates_left(aligned, moved, place):
     """Function (stream of `late_of_pair`, lag s) -> (n,) m s-1, range rate minus that of the orbits, lag removed."""
     read = np.interp(aligned["time"].values[place], aligned["time_kbr"].values, aligned["reading_range_rate"].values)
 
-    def left(stream, late):
+    def left(stream, late):  # stream 0 ranging, 3 and 4 orbits; central difference of the range over two seconds
         ranging_lag, *orbit_lag = (late * (stream == k) for k in (0, 3, 4))
         epochs = (place + s - ranging_lag for s in (-1, 0, 1))
         before, baseline, after = (moved(1, at, orbit_lag[1]) - moved(0, at, orbit_lag[0]) for at in epochs)

@@ -188,8 +188,8 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
     """Result of the rounds in whitened rows, as blocks, and the set of the forms of the lines that were tried.
 
     Lines are looked for in what the rounds leave before any of it is called an excess, those that gain more than what
-    was named first in what there was before, and what happens at an epoch again near it, so that what an epoch half a
-    spacing off leaves gets no name; all are tried beside all others in rounds that begin anew, if there is any.
+    was named first in what there was before, and what happens at an epoch again near it and near what stands out, so
+    that an epoch half a spacing off hides nothing; all are tried beside all others in rounds that begin anew, if any.
     """
     state = begun(rows, observed.candidates, choice, random_source(seed, rows))
     result = concluded(state, replace(choice, excess=False))
@@ -200,8 +200,13 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
         stronger = [joint_lines(unnamed, observed, one, split, result.first[0].score) for one in observed.lines]
         lines += [line for some in stronger for line in some if line.form not in {one.form for one in lines}]
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
+    steps, edges = [_fitted(result, k) for k in steps], [one for one in observed.candidates if "@" in one.cause]
+    for block, rest in zip(rows, result.before.rest, strict=True) if edges else ():
+        at = block.time[np.argmax(np.abs(rest))]
+        closest = min(edges, key=lambda one, at=at: abs(epoch_of(one.cause) - at))
+        steps += [Fitted(closest, [], [], [], [])] if np.abs(rest).max() > FAR else []
     if lines or steps or result.after.excess_p < choice.excess_level:
-        near = [candidate for k in steps for candidate in observed.near(_fitted(result, k))]
+        near = {c.cause: c for one in steps for c in observed.near(one)}.values()
         if added := [*near, *lines]:
             state = begun(rows, [*observed.candidates, *added], choice, random_source(seed, rows), result.before)
         result = concluded(state, choice)
@@ -289,6 +294,7 @@ def _product(observed, limits, result, search_outcome):
     return dataset(result, search_outcome, observed.channels, shown)
 
 
+FAR = 6.0  # sigma of a whitened reading, from which on what may have happened then is tried at more epochs
 #: Frequencies tried round a peak, in quarters of what the longest record tells apart; how much more than at the first
 #: of them a line may gain between them; share of its power that local columns leave of it at least, or it is none.
 PEAKS, FINE, BETWEEN, LEFT = 4, np.arange(-1.0, 1.01, 1 / 16), 1.5, 0.5
@@ -408,7 +414,7 @@ def summary(result: Result, choice: Choice, observed: Observations, waves=()) ->
 
 
 def _named(result: Result, position: int, choice: Choice, observed, waves) -> outcome.NamedCause:
-    """NamedCause of the finding at a position, with its parameters as reported and as a model takes it out."""
+    """NamedCause of a finding: entries in physical units for the report, as fitted for the model that takes it out."""
     finding, (report, model) = result.findings[position], _entries(result, position, observed, waves)
     tied = dict.fromkeys(map(slug_of, [*finding.tied, *(one.cause for one in finding.imitators)]))
     separations = {slug_of(one.cause): replace(one, cause=slug_of(one.cause)) for one in finding.separation}

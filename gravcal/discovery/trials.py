@@ -290,7 +290,7 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
 
     What every block has in common is fitted without one block and tested on it; what belongs to single blocks is
     fitted in every second stretch of so many seconds and tested on the others. Of a cause with parameters of both kinds
-    the better of the two counts.
+    the better of the two counts. What only several blocks together determine is tested in such stretches of all.
     """
     place = problem.places[index]
     where = np.arange(place.start, place.stop)
@@ -298,7 +298,15 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
     together = np.sum(size > SHARED * size.max(axis=0), axis=0)
     across = attribution.held_out(problem.gram, baseline, where) if np.any(together > 1) else -np.inf
     if np.all(together > 1):
-        return across, "manoeuvres"
+        columns, fixed = np.concatenate([baseline, where]), np.arange(baseline.size)
+        grams = problem.gram[:, columns][:, :, columns]
+        grams = np.stack([grams.sum(axis=0), *grams, *(grams.sum(axis=0) - grams)])
+        known = [np.diag(attribution.projected(one, fixed)) for one in grams]
+        alone, others = np.split(np.array(known[1:])[:, baseline.size :] > SHARED * known[0][baseline.size :], 2)
+        if np.any(alone) or np.any(others.all(axis=0)):
+            return across, "manoeuvres"
+        parts = sum(halves(problem, k, segment_s, columns) for k in range(len(problem.blocks)))
+        return float(attribution.held_out(parts, 1 + fixed, np.arange(1 + baseline.size, 1 + columns.size))), "blocks"
     gain = 0.0
     for i in np.flatnonzero(size.max(axis=1) > 0):
         acting = where[size[i] > 0]

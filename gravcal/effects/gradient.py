@@ -79,7 +79,7 @@ def added_to_channels(about: Context, entry: Effect) -> dict[str, np.ndarray]:
     """{channel: (n, 3, q)}, partial derivatives of the observables of a pair of sensors by an effect's parameters, SI.
 
     Channels are "linear", the difference of both linear readings m s-2; "attitude", the star camera against the angular
-    readings rad s-2; "torque" N m beside gravity gradient and control. Files hold minus a reading: hence the signs.
+    readings, rad s-2: what these gain the body has less; "torque" N m beside gravity gradient and control.
     """
     by_kind = readings(about, entry, entry.columns)
     if "linear" in by_kind:

@@ -152,7 +152,7 @@ def _propagate(time, state, torque, max_step, columns):
 
 
 def _problem(torque, origin, duration):
-    """`Problem` of a Torque over `duration` s from an epoch, `origin` GPS s, which its times count from."""
+    """`Problem` of a Torque (A m2, N m) over `duration` s from an epoch, `origin` GPS s, which its times count from."""
     inertia = check_shape("torque.inertia", torque.inertia, (3, 3))
     edges = check_increasing("torque.edges", torque.edges) - origin
     dipole = check_shape("torque.dipole_b", torque.dipole_b, (max(edges.size - 1, 0), 3))

@@ -129,7 +129,8 @@ def _moves(change):
                 factor *= 1e-6
             by, to = (signed(factor * one, decimals(factor * sigma_after)) for one in (step, value))
             moves.append(f"{name} by {by} to {to} ± {factor * sigma_after:.{decimals(factor * sigma_after)}f} {unit}")
-    return f" The result moves: {', '.join(moves)}." if moves else " The result moves by less than half of its error."
+    words = f": {', '.join(moves)}" if moves else " by less than half of its error"
+    return f" The result moves{words}." if set(change.change) != {None} else ""
 
 
 _chance = lambda p: f"p = {probability(p)}".replace("= <", "<")  # noqa: E731

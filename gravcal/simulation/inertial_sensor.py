@@ -97,7 +97,7 @@ def simulate(
     rolling = chosen.manoeuvre in ("roll", "both")
     flown = draw_roll(chosen, day + (DAY if swinging else 0.0), rng) if rolling else None
 
-    def records():
+    def records():  # yields {product: columns} of the swing, then of each day of the roll
         if swinging or not rolling:
             yield swing(chosen, swing_start, truth, rng, hidden)
         start, own = flown.start if rolling else 0.0, np.random.default_rng(second)
@@ -165,10 +165,11 @@ def draw(satellite: Mapping, chosen, rng) -> Truth:
     beta = np.array(chosen.angular_factor) * share[[0, 1, 1]]
     spread = chosen.divisor_scatter * rng.standard_normal(5)
     mass = satellite["test_mass"] + satellite["test_mass_sigma"] * spread[0]
-    inertia, inertia_sigma = (np.array(satellite[f"test_mass_inertia{end}"]) for end in ("", "_sigma"))
+    inertia, sigma = (np.array(satellite[f"test_mass_inertia{end}"]) for end in ("", "_sigma"))
+    inertia = inertia + sigma * spread[[1, 2, 2]]
     arm = np.array([chosen.arm_x_mm * 1e-3, *satellite["electrode_arm"][1:]])
     arm = arm + np.array(satellite["electrode_arm_sigma"]) * spread[3]
-    ratio = electrodes.linear_over_angular(mass, inertia + inertia_sigma * spread[[1, 2, 2]], arm)
+    ratio = electrodes.linear_over_angular(mass, inertia, arm)
     return Truth(
         k=np.array([ratio[1] * beta[1], chosen.k_y * (1 + 0.1 * spread[4]), ratio[0] * beta[0]]),
         beta=beta,

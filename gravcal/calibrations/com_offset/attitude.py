@@ -352,7 +352,7 @@ def _fit_timing(manoeuvres, fits, aligned, filters, degree, order):
     """WaveFit of each manoeuvre in the angular acceleration, with noise from the residuals of a first fit; or None."""
     time, angular = aligned["time_acc"].values, aligned["angular_b"].values
     good = (aligned["acc_flag"].values == 0) & np.isfinite(angular).all(axis=1)
-    noise, timings = [NoiseModel(np.zeros(0), np.array([1e-16]), 0.5)] * 3, []
+    noise, timings = [NoiseModel(np.zeros(0), np.array([1e-16]), 0.5)] * 3, []  # white and alike, for the first fit
     for _ in range(2):
         inputs = [(time[w.acc], angular[w.acc], good[w.acc], noise, filters, degree) for w in manoeuvres]
         timings = [_timing(w, f, *one) for w, f, one in zip(manoeuvres, fits, inputs, strict=True)]

@@ -369,9 +369,6 @@ def _difference(joint, names, limit):
     return float(difference @ np.linalg.solve(covariance, difference)), basis.shape[1]
 
 
-# as printed in the source paper
-
-
 def published_offset(time, good, linear, rates, solved) -> tuple[np.ndarray, np.ndarray]:
     """Offset (3,) m and formal covariance of one manoeuvre, eqs. 3-9, samples counted as independent (erratum C-12).
 
@@ -408,9 +405,6 @@ def published_mean(kind, latitude, offset, sigma) -> tuple[np.ndarray, np.ndarra
             mean[axis] = np.sum(weight * offset[rows, axis]) / weight.sum()
             error[axis] = np.sum(weight * sigma[rows, axis]) / weight.sum()
     return mean, error
-
-
-# noise as measured in quiet data outside the manoeuvres
 
 
 def quiet(aligned: xr.Dataset, **settings) -> xr.Dataset:

@@ -286,9 +286,6 @@ def _block(aligned, smoothed, angular, index, driven, settings):
     return block | {"still": still, "rate_dot_b": resampled[1:]}
 
 
-# as printed in the source paper
-
-
 def published_calibrated(measured: np.ndarray, torquer: np.ndarray, time: np.ndarray) -> np.ndarray:
     """Angular accelerometer (n, 3) rad s-2 scaled to the torquers per axis, with orbital Fourier terms, eqs. 31-33."""
     phase = 2 * np.pi * (time - time[0]) / ORBITAL_PERIOD_S

@@ -134,9 +134,6 @@ def badges(document):
     return answers
 
 
-# Document
-
-
 def result(products, settings):
     """Body of the result document of an event from {stage: product}; "combine" is None without manoeuvre."""
     detected, combined = products["detect"], products["combine"]
@@ -358,9 +355,6 @@ def vcm_line(document, satellite):
     return line if document["origin"] == "measured" else commented(line, document["origin"])
 
 
-# Tables
-
-
 def printed_manoeuvres(document, published):
     """{(manoeuvre index, variant): printed record}: the k-th of a kind and latitude class in the paper is our k-th."""
     records = published.get("manoeuvres", ())
@@ -417,9 +411,6 @@ def _offsets(block, total, printed, key):
         cells.append(plus_minus(block["offset_um"][i], block["sigma_um"][i], total[i]))
         cells += [plain.printed(printed.get(key), i)] if printed else []
     return cells
-
-
-# Figures
 
 
 @WORDS.figure("field", "align")

@@ -128,7 +128,7 @@ def uncontrolled_torque(
 def unsmoothed(modelled: xr.Dataset, method: str, sensors: slice | list, test_mass_inertia: np.ndarray) -> np.ndarray:
     """Angular acceleration (n, 3) rad s-2 as read less the smoothed one, without which torques come out too small.
 
-    The reading is the mean of some sensors, counted from 0; method as of `uncontrolled_torque`.
+    A reading is free mass minus body, here the mean of some sensors, from 0; method as of `uncontrolled_torque`.
     """
     w, wd = (modelled[name].values[METHODS.index(method)] for name in ("rate_b", "rate_dot_b"))
     free = model.free_mass_angular_acceleration(test_mass_inertia, modelled["gradient_b"].values, w)
@@ -215,10 +215,10 @@ def combine(
     elongation: float,
     satellite: dict,
 ) -> xr.Dataset:
-    """Product "gradient_torque.combine": errors, spectra and identifiability of all methods.
+    """Product "gradient_torque.combine": errors (rms by axis), spectra and identifiability of all methods.
 
     Products are "gradient_torque.gradient", then "gradient_torque.drag" of each of `methods`, then, if there is one,
-    "gradient_torque.truth" and the drags from readings without noise in the order of `methods`.
+    "gradient_torque.truth" and the drags from readings without noise in the order of `methods`; "bare" is a reading.
     """
     modelled, drags, rest = products[0], products[1 : 1 + len(methods)], products[1 + len(methods) :]
     truth = rest[0]["drag_b"].values if rest else np.full(drags[0]["drag_b"].shape, np.nan)

@@ -16,7 +16,7 @@ READING_KNOTS = 6  # of the spectra of the linear readings
 
 
 def quiet_edges(aligned: xr.Dataset, bin_s: float, margin_s: float, first: float | None = None) -> list[np.ndarray]:
-    """Edges (k,) s of the quiet bins before and after the swing, of each side with more than twenty.
+    """Edges (k,) s of the quiet bins before and after the swing, of each side longer than twenty.
 
     With a `first` edge s all bins lie on its grid, so that aliases of fast lines go on from side to side in phase.
     """

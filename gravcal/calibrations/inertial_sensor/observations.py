@@ -107,7 +107,7 @@ class InertialSensor(records.Observations):
 
     @functools.cached_property
     def periods(self) -> dict[float, int]:
-        """Periods of the swing about each axis and of the roll, {s: harmonics} of signals that motion drives."""
+        """Periods of the swing about each axis and of the roll, about y, {s: harmonics}, of what motion drives."""
         roll = [2 * np.pi / abs(self.roll.rate_b[..., 1].mean())] if self.roll else []
         return dict.fromkeys([*(self.swing.periods() if self.swing else ()), *roll], HARMONICS)
 

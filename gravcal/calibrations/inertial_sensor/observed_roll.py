@@ -196,7 +196,7 @@ class RollView:
 def view_of(products: Mapping[str, xr.Dataset], settings: Mapping) -> RollView | None:
     """View of "segment", "bias" and, of a swing, "scale" and "offset"; None of fewer than three usable segments.
 
-    A segment that is left out of the bias for a bin in which samples are far apart is looked at: that may be a step.
+    A segment that is left out of the bias for one bin of too few samples (its share) is looked at: that may be a step.
     Settings are segment_s, uniformity_limit, share_limit, trend_degree, amplitude_degree, amplitude_harmonics and
     assumed, as of `bias.bias`.
     """

@@ -242,7 +242,7 @@ def observable(
 
 
 def arcs(time: np.ndarray, spans: np.ndarray, trim: float, margin: float) -> np.ndarray:
-    """Number of the manoeuvre of every epoch (m,); -1 in quiet data, -2 near one of the spans (k, 2) s, not in it."""
+    """Number of the manoeuvre of every epoch (m,); -1 in quiet data, -2 near or at the ends of a span (k, 2) s."""
     result = np.full(time.size, -1)
     for start, stop in spans:
         result[(time > start - margin) & (time < stop + margin) & (result == -1)] = -2

@@ -146,7 +146,7 @@ class Table(Observations):
         """Log odds of every listed cause, in its best form, against one offset alone, the best first.
 
         Printed errors times a common factor f that is not known, sizes and offset drawn from their priors:
-        Z = int N(y; 0, f^2 S + O O' + A P A') d ln f; so a repeat that agrees by luck decides nothing.
+        Z = int N(y; 0, f^2 S + O O' + A P A') d ln f (O of an offset of 1 mm, A of a cause); a lucky repeat is nothing.
         """
         known = np.isfinite([row["value"] for row in self.rows]).ravel()
         y, s = (np.array([row[name] for row in self.rows]).ravel()[known] for name in ("value", "sigma"))
@@ -164,7 +164,7 @@ class Table(Observations):
         for number, one in enumerate(self.causes):
             sizes = [size for owner, _, size in self._priors if owner == number]
             odds = float(log_evidence(np.concatenate(one.columns)[known], sizes) - alone) if sizes else -np.inf
-            if sizes and (one.cause not in best or odds > best[one.cause].log_odds + 0.05):  # a heading is nothing
+            if sizes and (one.cause not in best or odds > best[one.cause].log_odds + 0.05):  # forms that are as good
                 best[one.cause] = Weighed(one.cause, one.form, odds)
         return sorted(best.values(), key=lambda one: -one.log_odds)
 
@@ -220,7 +220,7 @@ READINGS = tuple(f"accelerometer.{name}" for name in ("current_leak", "angular_l
 
 
 def of_readings(form: str, arcs: list[Arc], mean: np.ndarray) -> list[Candidate]:
-    """Candidates of errors of linear reading and angular acceleration, by their changes (3, q) m of each offset."""
+    """Candidates of errors of both readings in a form (headings), by what they add (3, q) m to offsets; mean (3,) m."""
 
     def made(slug, reading):  # Candidate, by the reading (n, 3, q) m s-2 of each arc
         entry = catalogue()[slug]

@@ -119,7 +119,7 @@ class Routine(Observations):
 
     @functools.cached_property
     def laws(self) -> list[tuple[Effect, np.ndarray]]:
-        """Effects with their columns (n, q) at every reading, of a ripple the sines; late tags alone if any."""
+        """Effects with their columns (n, q) at every reading, of a ripple its four sizes; late tags alone if any."""
         late = late_columns(self.rows)
         made = [(one, late[one.slug] if late else one.columns(self.context)) for one in map(effect, late or EFFECTS)]
         return [(one, columns[:, : None if one.linear else 4]) for one, columns in made]

@@ -29,7 +29,7 @@ def content(products):
 
 
 def shares(estimate):
-    """Rows of the document: band, share with its error, what star cameras expect, density of the range, um/sqrt(Hz)."""
+    """Rows by band: share of the antenna correction in the range, as of star cameras expected, range in um/sqrt(Hz)."""
     edge, sigma = 1e3 * estimate["edge"].values, np.sqrt(np.diag(estimate["share_covariance"].values))
     density = 1e6 * np.sqrt(estimate["density"].values)
     return [

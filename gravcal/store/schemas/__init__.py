@@ -74,12 +74,12 @@ def _walk(item, path):
 def _check_covariance(matrix, sigma, missing, path):
     """Rows and columns of undetermined components are null; the rest is symmetric with sigma^2 on the diagonal."""
     for i, row in enumerate(matrix):
-        for j, item in enumerate(row):
+        for j, (item, other) in enumerate(zip(row, (one[i] for one in matrix), strict=True)):
             where = _text((*path, i, j))
             if (item is None) != (missing[i] or missing[j]):
                 _refuse(where, item, "null exactly in the rows and columns of undetermined components")
-            if item is not None and not math.isclose(item, matrix[j][i], rel_tol=1e-9, abs_tol=1e-300):
-                _refuse(where, item, f"a symmetric matrix, {matrix[j][i]!r}")
+            if item is not None and (other is None or not math.isclose(item, other, rel_tol=1e-9, abs_tol=1e-300)):
+                _refuse(where, item, f"a symmetric matrix, {other!r}")
         if not missing[i] and not math.isclose(row[i], sigma[i] ** 2, rel_tol=1e-6):
             _refuse(_text((*path, i, i)), row[i], f"the square of sigma, {sigma[i] ** 2!r}")
 
