@@ -201,10 +201,10 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
         lines += [line for some in stronger for line in some if line.form not in {one.form for one in lines}]
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
     steps, edges = [_fitted(result, k) for k in steps], [one for one in observed.candidates if "@" in one.cause]
-    for block, rest in zip(rows, result.before.rest, strict=True) if edges else ():
-        at = block.time[np.argmax(np.abs(rest))]
-        closest = min(edges, key=lambda one, at=at: abs(epoch_of(one.cause) - at))
-        steps += [Fitted(closest, [], [], [], [])] if np.abs(rest).max() > FAR else []
+    far = [(b.time[np.argmax(np.abs(r))], np.abs(r).max()) for b, r in zip(rows, result.before.rest, strict=True)]
+    far += [(one.time, abs(one.sigma)) for one in result.outliers]
+    closest = lambda at: min(edges, key=lambda one: abs(epoch_of(one.cause) - at))  # noqa: E731
+    steps += [Fitted(closest(at), [], [], [], []) for at, sigma in far if edges and sigma > FAR]
     if lines or steps or result.after.excess_p < choice.excess_level:
         near = {c.cause: c for one in steps for c in observed.near(one)}.values()
         if added := [*near, *lines]:

@@ -161,3 +161,15 @@ def test_a_phase_break_alone_is_searched_once():
     """Contract: it has no second order, and with readings about it left out a break of S/N 16 had no name."""
     alone, both = [("ranging.phase_break", 246.0)], [("ranging.phase_break", 246.0), ("ranging.delay", 90.0)]
     assert [Ranging.worth_another(None, gains, True) for gains in ([], alone, both)] == [False, False, True]
+
+
+def test_a_break_that_came_after_the_filter_is_one_break():
+    """Recovery: 6 um in the filtered range, half way between epochs of the search; one name, within 4 sigma."""
+    columns = dict(simulated(7)[0])
+    record, wiggle = columns["KBR1B", "Y"], seen(columns).view.parts[4]
+    at = wiggle.time[0] + 60.0 + 30.0 * (wiggle.time.size * 5 // 60) + 15.0
+    columns["KBR1B", "Y"] = record | {"biased_range": record["biased_range"] + 6e-6 * (record["gps_time"] > at)}
+    (found,) = result_of(driver.discover(seen(columns), driver.Limits(0.005, 9.0, 8, 30.0, 1)))["findings"]
+    assert found["cause"] == "ranging.phase_break"
+    size = found["parameters"]["size"]
+    assert abs(size["value"] - 6e-6) < 4 * size["sigma"] < 2e-6

@@ -9,13 +9,13 @@ import pytest
 from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
-from gravcal.discovery import attribution, scan
+from gravcal.discovery import attribution, scan, trials
 from gravcal.discovery.driver import check_causes
-from gravcal.discovery.problem import columns_of, observed_rows, prepare, residuals_of, without_rounding
+from gravcal.discovery.problem import baseline_of, columns_of, observed_rows, prepare, residuals_of, without_rounding
 from gravcal.discovery.rounds import Choice, search
 from gravcal.errors import CatalogError
 from gravcal.estimation.least_squares import orthonormal
-from gravcal.estimation.records import Block, Entry
+from gravcal.estimation.records import Block, Candidate, Entry
 
 CHANNELS = {
     "by channel": np.repeat(["linear", "angular", "attitude"], [40, 30, 20]),
@@ -127,6 +127,18 @@ def test_what_only_one_block_sees_gains_nothing_and_is_fitted_in_it():
     first -= np.outer(basis, basis @ first)
     gone = [(first[:, 0], first[:, 1:]), *blocks[1:]]
     assert fitted == pytest.approx(attribution.held_out(grams(gone), np.array([1]), np.array([3])), abs=1e-6)
+
+
+def test_what_only_blocks_together_determine_is_held_out_in_stretches_of_all():
+    """Recovery: alike in one of two blocks and opposite in the other to what both share; no size no gain."""
+    rng, time = np.random.default_rng(8), np.arange(400.0)
+    shared = rng.standard_normal((2, 400, 1))
+    for size, gains in ((0.5, True), (0.0, False)):
+        rows = [size * sign * s[:, 0] + rng.standard_normal(400) for sign, s in zip((1, -1), shared, strict=True)]
+        blocks = [Block.of(f"{k}", row, "a", 0, time, shared=shared[k]) for k, row in enumerate(rows)]
+        problem = prepare(blocks, [Candidate("case.turn", "", ["p"], ["1"], [shared[0], -shared[1]])])
+        gain, kind = trials.held_out(problem, baseline_of(problem, ()), 0, 10.0)
+        assert (gain > 100, kind) == (gains, "blocks")
 
 
 def blocks_of(rng):
