@@ -75,5 +75,4 @@ def test_roll_answers_the_torque_as_published(results):
     assert found["value"] == pytest.approx(0.0028, abs=3e-4)
     assert 0 < found["sigma"] < 1e-3
     satellite = catalog.satellite("C").settings()
-    assumed = satellite["dipole_per_current"][0] / satellite["inertia"][0][0]
-    assert abs(found["value"] - assumed) < 3 * found["sigma"]
+    assert abs(found["value"] - (satellite["dipole_per_current"][0] / satellite["inertia"][0][0])) < 3 * found["sigma"]

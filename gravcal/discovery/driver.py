@@ -201,10 +201,11 @@ def rounds_and_lines(observed: Observations, rows: list[Block], choice: Choice, 
         lines += [line for some in stronger for line in some if line.form not in {one.form for one in lines}]
     steps = [k for k, one in enumerate(result.findings) if "@" in one.cause or one.cause == choice.step_cause]
     steps, edges = [_fitted(result, k) for k in steps], [one for one in observed.candidates if "@" in one.cause]
-    far = [(b.time[np.argmax(np.abs(r))], np.abs(r).max()) for b, r in zip(rows, result.before.rest, strict=True)]
-    far += [(one.time, abs(one.sigma)) for one in result.outliers]
-    closest = lambda at: min(edges, key=lambda one: abs(epoch_of(one.cause) - at))  # noqa: E731
-    steps += [Fitted(closest(at), [], [], [], []) for at, sigma in far if edges and sigma > FAR]
+    rests = [(b.time, np.abs(r)) for b, r in zip(rows, result.before.rest, strict=True) if edges and r.size]
+    far = [(r.max(), t[np.argmax(r)]) for t, r in rests] + [(abs(one.sigma), one.time) for one in result.outliers]
+    standing = [at for sigma, at in sorted(far, reverse=True)[:STANDING] if edges and sigma > FAR]
+    closest = [(min((abs(epoch_of(one.cause) - at), k) for k, one in enumerate(edges)), at) for at in standing]
+    steps += [Fitted(edges[k], [], [], [], []) for (away, k), at in closest if away <= observed.spacing(at)]
     if lines or steps or result.after.excess_p < choice.excess_level:
         near = {c.cause: c for one in steps for c in observed.near(one)}.values()
         if added := [*near, *lines]:
@@ -294,7 +295,7 @@ def _product(observed, limits, result, search_outcome):
     return dataset(result, search_outcome, observed.channels, shown)
 
 
-FAR = 6.0  # sigma of a whitened reading, from which on what may have happened then is tried at more epochs
+FAR, STANDING = 6.0, 4  # sigma of a reading from which on more epochs about it are tried, about so many at most
 #: Frequencies tried round a peak, in quarters of what the longest record tells apart; how much more than at the first
 #: of them a line may gain between them; share of its power that local columns leave of it at least, or it is none.
 PEAKS, FINE, BETWEEN, LEFT = 4, np.arange(-1.0, 1.01, 1 / 16), 1.5, 0.5

@@ -84,7 +84,10 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
     count = collections.Counter(row[0] for row in rows)  # of a kind, which has its share of the level
     correction = {kind: np.log(number / SHARES[kind]) for kind, number in count.items()}
     chance = np.minimum(1.0, np.exp([row[6] + correction[row[0]] for row in rows])).tolist()
-    return [Trial(*row[:7], p, *row[7:]) for row, p in zip(rows, chance, strict=True)]
+    tested = [Trial(*row[:7], p, *row[7:]) for row, p in zip(rows, chance, strict=True)]
+    cost = [problem.candidates[t.index].choice if t.index >= 0 else 0.0 for t in tested]
+    pairs = zip(tested, cost, strict=True)
+    return [t._replace(choice=c, significance=min(t.significance * np.exp(c / 2), 1.0)) if c else t for t, c in pairs]
 
 
 #: Log of the probability, not corrected, below which a series in no list comes near, and how many do at once.
@@ -137,7 +140,7 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
         chance = float(np.exp(min(log_p + np.log(tried * comb(count, len(few)) / SHARES["listed"]), 0.0)))
         cost = min(2 * np.log(comb(count, len(few))), 0.99 * (best.score - full.score))  # before all of its own cause
         about = {"index": len(problem.candidates), "form": f"{words} alone", "choice": float(cost)}
-        problem = extended(problem, candidate.part(few, words))
+        problem = extended(problem, replace(candidate.part(few, words), choice=float(cost)))
         rows = [*rows, best._replace(log_p=log_p, significance=chance, **about)]
     return problem, rows
 
@@ -293,7 +296,7 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
     the better of the two counts. What only several blocks together determine is tested in such stretches of all.
     """
     place = problem.places[index]
-    where = np.arange(place.start, place.stop)
+    where = place.start + np.flatnonzero(np.diagonal(problem.total)[place] > 0)
     size = np.einsum("bqq->bq", problem.gram[:, where][:, :, where])
     together = np.sum(size > SHARED * size.max(axis=0), axis=0)
     across = attribution.held_out(problem.gram, baseline, where) if np.any(together > 1) else -np.inf
@@ -301,11 +304,12 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
         columns, fixed = np.concatenate([baseline, where]), np.arange(baseline.size)
         grams = problem.gram[:, columns][:, :, columns]
         grams = np.stack([grams.sum(axis=0), *grams, *(grams.sum(axis=0) - grams)])
-        known = [np.diag(attribution.projected(one, fixed)) for one in grams]
-        alone, others = np.split(np.array(known[1:])[:, baseline.size :] > SHARED * known[0][baseline.size :], 2)
-        if np.any(alone) or np.any(others.all(axis=0)):
+        known = np.array([np.diag(attribution.projected(one, fixed))[baseline.size :] for one in grams])
+        alone, others = np.split(known[1:] > SHARED * known[0], 2)
+        together = ~alone.any(axis=0) & ~others.all(axis=0)
+        if not np.any(together & (known[0] > attribution.SEEN**2 * problem.size[where] ** 2)):
             return across, "manoeuvres"
-        parts = sum(halves(problem, k, segment_s, columns) for k in range(len(problem.blocks)))
+        parts = sum(halves(problem, k, segment_s, columns) for k, one in enumerate(problem.blocks) if one.time.size)
         return float(attribution.held_out(parts, 1 + fixed, np.arange(1 + baseline.size, 1 + columns.size))), "blocks"
     gain = 0.0
     for i in np.flatnonzero(size.max(axis=1) > 0):

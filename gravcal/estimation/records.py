@@ -96,6 +96,7 @@ class Candidate:
     #: indices of the calibration's parameters that an unknown mean of each of its own parameters would change
     means: tuple[int, ...] = ()
     of_frame: bool = False  #: True if it rotates the frame of the result, whose error it does not add to
+    choice: float = 0.0  #: chi-square that choosing its parameters among more of the cause is worth by chance
 
     @property
     def listed(self) -> bool:

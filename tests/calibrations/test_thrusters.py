@@ -64,8 +64,7 @@ def test_an_impulse_makes_the_angle_grow_and_a_smooth_torque_is_taken_up():
     assert_allclose(response(np.array([300.0]))[0], 300.0 * np.linalg.inv(INERTIA), rtol=1e-9)
     time = np.arange(0.0, 900.0, 5.0)
     smooth = model.smooth_torque(time, 30.0)
-    left = time**2 - smooth @ np.linalg.lstsq(smooth, time**2, rcond=None)[0]
-    assert np.abs(left).max() < 1e-6 * 900.0**2
+    assert np.abs(time**2 - smooth @ np.linalg.lstsq(smooth, time**2, rcond=None)[0]).max() < 1e-6 * 900.0**2
     quaternion = frames.from_rotation_vector(np.outer(time, [0.0, -1.1e-3, 0.0]))
     angle, rate = model.reference(time, quaternion)
     assert np.abs(angle).max() < 1e-12

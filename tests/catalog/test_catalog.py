@@ -283,5 +283,4 @@ def test_priors_of_scales_are_those_of_what_they_stand_for():
         dipole = satellite.dipole_per_current.sigma / satellite.dipole_per_current.value
         inertia = np.diag(satellite.inertia.sigma) / np.diag(satellite.inertia.value)
         assert_allclose(chosen.torque_scale_sigma, np.hypot(dipole, inertia), atol=0.01)
-    sizes = {one.prior_sigma for one in effect("accelerometer.angular_scale").parameters}
-    assert sizes == {chosen.angular_scale_sigma}
+    assert {one.prior_sigma for one in effect("accelerometer.angular_scale").parameters} == {chosen.angular_scale_sigma}

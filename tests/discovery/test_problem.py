@@ -102,8 +102,7 @@ def test_the_gain_is_that_of_densities_written_out(seed):
     scale = [1.0, 1e3, 1e-3]
     blocks = [(rng.standard_normal(30) * 3, rng.standard_normal((30, 3)) * scale) for _ in range(4)]
     gain = attribution.held_out(grams(blocks), np.array([1, 2]), np.array([3]))
-    expected = sum(density(blocks, i, 3) - density(blocks, i, 2) for i in range(4))
-    assert gain == pytest.approx(expected, abs=1e-8)
+    assert gain == pytest.approx(sum(density(blocks, i, 3) - density(blocks, i, 2) for i in range(4)), abs=1e-8)
 
 
 def test_what_only_one_block_sees_gains_nothing_and_is_fitted_in_it():

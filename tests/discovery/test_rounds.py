@@ -207,8 +207,7 @@ def test_noise_names_nothing_and_its_probability_is_uniform():
     assert sum(bool(one.findings) for one in found) <= 1
     assert min(one.before.quiet for one in found) > 1e-3
     p = np.sort([one.before.p for one in found])
-    distance = np.max(np.abs(p - (np.arange(60) + 0.5) / 60)) + 0.5 / 60
-    assert distance < 1.95 / np.sqrt(60)
+    assert (np.max(np.abs(p - (np.arange(60) + 0.5) / 60)) + 0.5 / 60) < 1.95 / np.sqrt(60)
 
 
 def test_less_power_than_noise_has_is_an_alarm_too():
@@ -423,8 +422,7 @@ def test_the_error_of_the_calibration_holds_what_tied_causes_would_make_of_it(pl
     plain = search(hiding(blocks, second.columns, size), [first, second], CHOICE, rng)
     assert {"case.a", "case.b"} == {plain.findings[0].cause, *plain.findings[0].tied}
     error = plain.shared[1][0] - 1.0
-    alone = 5 * size * (plain.findings[0].cause == "case.a")
-    assert abs(error - alone) < 5 * plain.sigma[1][0] + 0.1 * 5 * size
+    assert abs(error - (5 * size * (plain.findings[0].cause == "case.a"))) < 5 * plain.sigma[1][0] + 0.1 * 5 * size
     average = delivered(plain, CHOICE, 1)
     share, limit = (0.25, 4) if plausible else (0.4, 2)
     assert share * 5 * size < average.sigma[1][0] < 5 * size
@@ -486,8 +484,7 @@ def test_no_scale_is_negative(size, named):
     """Recovery: at S/N 17 and more; of less than one reversed and twice as strong something else is the cause."""
     blocks, (first, *_) = made(np.random.default_rng(5))
     one = replace(first, cause="accelerometer.scale", names=["x"])
-    found = search(hiding(blocks, one.columns, size), [one], CHOICE, np.random.default_rng(1)).findings
-    assert bool(found) == named
+    assert bool(search(hiding(blocks, one.columns, size), [one], CHOICE, np.random.default_rng(1)).findings) == named
 
 
 def test_noise_is_known_as_well_as_its_spectrum_is_where_a_cause_has_its_power():

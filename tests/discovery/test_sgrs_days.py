@@ -75,8 +75,7 @@ def test_hidden_effects_are_named_with_their_size(rng, tmp_path, cases):
         assert np.nanstd(measured - after) < np.nanstd(measured - before)
         assert 1e-12 < np.nanstd(measured - after, axis=0).max() < 2e-11 < np.nanstd(measured)
         model = next((tmp_path / "products").rglob("model.toml"))
-        again = discovered(tmp_path, "--set", "discovery_level=0.0001", "--model", model)
-        assert again["findings"] == []
+        assert discovered(tmp_path, "--set", "discovery_level=0.0001", "--model", model)["findings"] == []
         how = tmp_path / "level1", "--set", "field_degree=20", "--model", model
         result, change = commands.document("run", "gradient_torque", *how)[1], whole["calibration_change"]
         for name, when in (("value", "after"), ("sigma", "sigma_after")):  # of a run with the model as in the search

@@ -86,8 +86,7 @@ def test_neutral_values_add_nothing(slug):
     added = entry.contribution(scene, entry.values({}))
     scalar = CHANNELS[entry.channel] == "s" or entry.channel == "range"
     each = (len(scene.extra["positions"]),) if "_each_" in entry.channel else ()
-    width = 6 if entry.channel == "electrode_v" else 3
-    assert np.shape(added) == ((COUNT,) if scalar else (COUNT, *each, width))
+    assert np.shape(added) == ((COUNT,) if scalar else (COUNT, *each, (6 if entry.channel == "electrode_v" else 3)))
     assert_allclose(added, 0.0, atol=0)
 
 

@@ -354,8 +354,7 @@ def test_a_cluster_by_hand(public, events, tmp_path, monkeypatch):
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(store))
     assert housekeeping.verify() == []
     if python:
-        owners = {(folder / "product.nc").stat().st_uid for folder in housekeeping.folders()}
-        assert owners <= {61001, 61002}
+        assert {(folder / "product.nc").stat().st_uid for folder in housekeeping.folders()} <= {61001, 61002}
 
 
 def keys_in(folder, key, cert):

@@ -153,8 +153,7 @@ def test_a_satellite_or_day_that_is_not_there_is_said_with_those_that_are(tmp_pa
         assert said in " ".join(capsys.readouterr().err.split())
     for wrong in (("--satellite", "AB"), ("--date", "2020-12-01")):
         assert gravcal("run", "kbr_phase_centre", "--data", folder, *wrong) == 3
-        said = " ".join(capsys.readouterr().err.split())
-        assert "found KBR1B of Y on 2020-09-10; expected KBR1B or LRI1B o" in said
+        assert "found KBR1B of Y on 2020-09-10; expected KBR1B or LRI1B o" in " ".join(capsys.readouterr().err.split())
 
 
 @pytest.mark.parametrize(
@@ -175,8 +174,7 @@ def test_a_malformed_model_is_one_clear_line(text, tmp_path, capsys):
     """Bad input: file, what was found, what was expected; no trace."""
     model = tmp_path / "model.toml"
     model.write_bytes(text)
-    folder = ranging_files(tmp_path / "level1")
-    assert gravcal("run", "kbr_phase_centre", "--data", folder, "--model", model) == 1
+    assert gravcal("run", "kbr_phase_centre", "--data", ranging_files(tmp_path / "level1"), "--model", model) == 1
     said = " ".join(capsys.readouterr().err.split())
     assert said.startswith(f"error: {model}: ")
     assert "found" in said
@@ -192,8 +190,7 @@ def test_a_document_that_cannot_be_written_stops_the_run_before_it_begins(place,
     """
     old, new = fakecal / "file", fakecal / "new.json"
     old.write_text("kept")
-    where = f"{fakecal}/{place}"
-    assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "inline", "--json", where) == 2
+    assert gravcal("run", "fakecal", "--data", fakecal, "--engine", "inline", "--json", f"{fakecal}/{place}") == 2
     assert "cannot be written" in " ".join(capsys.readouterr().err.split())
     assert not list(store_folder.glob("objects/*/*"))
     for path in (old, new):

@@ -200,8 +200,7 @@ def test_a_promoted_experiment_is_what_plain_runs_do(run, fakecal, capsys):
     assert configurations.promotions("fakecal") == []
     assert gravcal("promote", "fakecal", "mine", "--why", "closer to the truth", "--who", "an operator") == 0
     assert links() == before  # until the next run
-    steps = planned(fakecal, capsys)
-    assert [(one["action"], one["reasons"]) for one in steps] == [("reuse", []), ("reuse", [])]
+    assert [(one["action"], one["reasons"]) for one in planned(fakecal, capsys)] == [("reuse", []), ("reuse", [])]
     run()
     assert links()["scale.one"] == links("mine")["scale.one"] != before["scale.one"]
     last = configurations.promotions("fakecal")[-1]

@@ -92,8 +92,7 @@ def test_the_page_is_what_the_command_prints_now(tmp_path):
             part = section(name).split(f"**{item['name']}** ")[1].partition("\n**")[0]
             shown = {tuple(line.split(" | ")[:2]) for line in part.splitlines() if line.startswith("| ")}
             known = {(f"| {row['row']}", reproduce._text(row["printed"])) for row in rows}
-            extra = {row for row in shown if row[1] not in ("printed", "---")} - known
-            assert not extra, item["name"]
+            assert not ({row for row in shown if row[1] not in ("printed", "---")} - known), item["name"]
             assert "truth" not in item or known <= shown, item["name"]
 
 
@@ -125,8 +124,7 @@ def test_papers_name_sections_that_there_are_and_reports_have(tmp_path):
             assert item.get("section", "scalars") in sections
             headings = (ROOT / f"gravcal/calibrations/{name}/page.py").read_text()
             assert f'"{item["report"]}' in headings if "report" in item else True, item["name"]
-    done = CliRunner().invoke(cli.app, ["reproduce", "nothing", "--out", str(tmp_path)])
-    assert done.exit_code == 2
+    assert CliRunner().invoke(cli.app, ["reproduce", "nothing", "--out", str(tmp_path)]).exit_code == 2
 
 
 def test_no_table_or_figure_of_a_paper_is_missing():

@@ -29,7 +29,7 @@ STEP_S, ENDS_S = 1.0, 6.0
 DRAG = np.array([6e-8, 0.0, 0.0])  # m s-2, of the environment that effects look at
 PADS_S = 60.0  # of linear reading on either side of a manoeuvre
 BEYOND_S = 10.0  # of a manoeuvre, in which records are still turned back
-ENOUGH = 20  # attitudes of a pad that determine its motion
+ENOUGH = 40  # attitudes of a pad that determine its motion
 SHOWN = 0.05  # share of the square of what a finding adds that lies beside the manoeuvre, from which on this is shown
 
 
@@ -62,7 +62,6 @@ class Manoeuvre:
     wide_operator: Resampler  #: low-pass and resampling of the linear reading
     offset: np.ndarray  #: (3,) m, present estimate
     drift_degree: int  #: of the polynomial that stands for the drift of the linear reading, pads included
-    slow_degree: int  #: of the torque that the attitude determines beside that of the torquers
     magnetometer: tuple  #: time (m,) s, measured minus model field (m, 3) T and valid (m,) at 1 Hz
     orbit: tuple  #: (time, position_i) s, m, of the whole record
     memory: dict = field(default_factory=dict)  #: contexts at other epochs and signals, made once
@@ -112,11 +111,12 @@ class Manoeuvre:
         """
         rows = np.zeros((self.size, next(iter(signal.values())).shape[2]))
         if {"linear", "attitude"} <= set(signal):
-            inside, linear = self.rows - self.wide_rows.start, signal["linear"].copy()
-            slow = least_squares.polynomial(self.time, self.slow_degree, *self.time[[0, -1]])
-            flat = linear[inside].reshape(inside.size, -1)
-            linear[inside] = least_squares.project_out(slow, flat).reshape(linear[inside].shape)
-            signal = signal | {"linear": linear}
+            local, turned = (one[self.window.good] for one in (self.local_attitude, signal["attitude"]))
+            fitted = np.linalg.lstsq(local.reshape(-1, local.shape[2]), turned.reshape(-1, turned.shape[2]))[0][6:-1]
+            slow = least_squares.polynomial(self.time, len(fitted) // 3 - 1, self.arc.origin, self.arc.stop)
+            torque = np.einsum("nk,kaq->naq", slow, fitted.reshape(slow.shape[1], 3, -1))
+            slow = at_accelerometer(self, np.linalg.inv(self.arc.inertia) @ torque)
+            signal = signal | {"linear": signal["linear"] - slow["linear"]}
         for channel, values in signal.items():
             rows[self.place(channel)] = self.whitened_channel(channel, values)
         return rows
@@ -213,12 +213,12 @@ def _manoeuvre(products, index, window, estimates, settings):
     end = [last + PADS_S, *((start[start > last] + last) / 2), aligned["window_stop"].values[index]]
     pads = slice(*np.searchsorted(aligned["time_acc"].values, [max(begin), min(end)]))
     wide = _wide(aligned, field_, pads, rows, context, orbit)
-    slow, degree = degree, round(settings["linear_drift_degree"] * np.ptp(wide.time) / (last - first))
+    degree = round(settings["linear_drift_degree"] * np.ptp(wide.time) / (last - first))
     usable = (aligned["acc_flag"].values == 0) & np.isfinite(aligned["linear_b"].values).all(axis=1)
     wide_operator = operator_for(wide.time, usable[pads], wide.time[0], wide.time[-1], *filters)
     law = catalogue()["accelerometer.offset"]
     context, wide = (replace(one, linear_b=law.contribution(one, offset)) for one in (context, wide))
-    present = context, wide, pads, wide_operator, offset, degree, slow, sampled, orbit
+    present = context, wide, pads, wide_operator, offset, degree, sampled, orbit
     return Manoeuvre(index, window, time, rows, operator, *partials, noise, *present)
 
 
@@ -247,8 +247,7 @@ def _slow_motion(aligned, span, time):
     The span (begin, end) s; None of fewer attitudes than ENOUGH.
     """
     tags, quaternion = aligned["time_sca"].values, aligned["quaternion"].values
-    good = np.isfinite(quaternion).all(axis=1) & (aligned["sca_flag"].values == 0)
-    good &= (tags >= span[0]) & (tags <= span[1])
+    good = np.isfinite(quaternion).all(axis=1) & (tags >= span[0]) & (tags <= span[1])  # none that is flagged
     if good.sum() < ENOUGH:
         return None
     rate, _ = kinematics.rates_from_attitude(tags[good], quaternion[good], (int(good.sum()) - 1) // 2, 3)

@@ -184,7 +184,8 @@ def _deflected(frequency, damping):
     """Function view -> signal (n, 3, 9) of a flexible mode (Hz, damping ratio), per metre of each `x_from_y`."""
 
     def signal(view):
-        deflected = deflection(view.wide.time, view.wide.angular_b, frequency, damping)
+        first = view.wide.angular_b[:1]  # of the pad, to which the mode is bent when the reading begins
+        deflected = first + deflection(view.wide.time, view.wide.angular_b - first, frequency, damping)
         return {"linear": np.einsum("nb,ac->nacb", deflected, np.eye(3)).reshape(len(deflected), 3, 9)}
 
     return signal

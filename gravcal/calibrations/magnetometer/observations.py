@@ -78,15 +78,9 @@ class Readings(Observations):
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
         """Candidates with whitened columns in every block: effects of a comparison of fields, and a drift."""
-        causes = []
-        for cause, values in self.columns.items():
-            columns = [self._rows(values, rows) for rows in self.parts]
-            is_drift = cause.startswith("unknown:")
-            known = (
-                unknown("time", "drift", columns, "T s-1") if is_drift else listed(effect(cause), columns, prior=False)
-            )
-            causes.append(known)
-        return causes
+        made = {cause: [self._rows(values, rows) for rows in self.parts] for cause, values in self.columns.items()}
+        drift = [unknown("time", "drift", made.pop("unknown:time"), "T s-1")] if "unknown:time" in made else []
+        return [*(listed(effect(cause), columns, prior=False) for cause, columns in made.items()), *drift]
 
     def without(self, model: Sequence[Entry]) -> xr.Dataset:
         """Aligned records less what the effects of a model add to the reading."""

@@ -90,12 +90,12 @@ class Readings(Observations):
     @functools.cached_property
     def candidates(self) -> list[Candidate]:
         """Candidates with whitened columns (m, q) in every block, None where a cause does not act."""
-        made = []
-        for one in self.causes:
-            rows = [(c, one.columns[0][rows, c], valid) for rows, _, valid, c in self.parts]
-            white = [whiten(self.noises[c], values, valid) if values.any() else None for c, values, valid in rows]
-            made.append(replace(one, form="", columns=white))
-        return made
+
+        def white(added):  # (n, 6, q) of the whole record
+            rows = [(c, added[rows, c], valid) for rows, _, valid, c in self.parts]
+            return [whiten(self.noises[c], values, valid) if values.any() else None for c, values, valid in rows]
+
+        return [replace(one, form="", columns=white(one.columns[0])) for one in self.causes]
 
     def reading(self, channel: str, number: int, rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:  # noqa: ARG002
         """Time (m,) s, prediction (m, 3), zero beside the slow part, rows (q, m, 3) in the unit of the component."""

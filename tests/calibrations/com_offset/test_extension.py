@@ -170,8 +170,7 @@ def test_twice_integrated_a_lag_is_a_later_edge_and_half_its_square(tau):
     for t, row in zip(time, found, strict=True):
         ends = sorted([0.0, *(b for e in EDGES for b in (e, e + tau) if b < t), t])
         for axis in range(3):
-            swung = sum(quad(weighed, a, b, args=(t, axis))[0] for a, b in pairwise(ends))
-            assert abs(swung - row[axis]) < 1e-7
+            assert abs(sum(quad(weighed, a, b, args=(t, axis))[0] for a, b in pairwise(ends)) - row[axis]) < 1e-7
 
 
 def test_the_part_of_a_sample_that_all_manoeuvres_share_is_in_the_error_of_a_late_star_camera(rng):

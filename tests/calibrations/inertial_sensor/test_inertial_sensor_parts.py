@@ -164,8 +164,7 @@ def test_a_step_is_told_from_noise_and_noise_is_no_step(exponent):
     series = np.random.default_rng(46).standard_normal((40, 1500))
     series = np.cumsum(series, axis=1) if exponent else series
     assert sum(noise.jump(one) is not None for one in series) <= 1
-    stepped = series + 20.0 * (np.arange(1500) > 700)
-    assert sum(abs((noise.jump(one) or 0) - 700) <= 2 for one in stepped) >= 38
+    assert sum(abs((noise.jump(one) or 0) - 700) <= 2 for one in series + 20.0 * (np.arange(1500) > 700)) >= 38
 
 
 def test_a_turned_tracker_turns_the_tensor_of_a_roll():
