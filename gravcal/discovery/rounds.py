@@ -184,8 +184,8 @@ def _best(problem, used, rows, choice):
         trial = _with_noise_error(grown, used, index, trial, ratio.value, choice) if choice.spectra else trial
         if not trial.significance < choice.level or not _possible(grown.candidates[index], ratio):
             continue
-        gain, _ = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
-        if gain > 0:
+        gain, kind = trials.held_out(grown, baseline_of(grown, used), index, choice.segment_s)
+        if gain > 0 or kind == "prior":
             if trial.kind == "step":
                 at, at_sigma = trials.located(trial, everything)
                 trial = trial._replace(at=at, at_sigma=at_sigma)

@@ -84,9 +84,8 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
     count = collections.Counter(row[0] for row in rows)  # of a kind, which has its share of the level
     correction = {kind: np.log(number / SHARES[kind]) for kind, number in count.items()}
     chance = np.minimum(1.0, np.exp([row[6] + correction[row[0]] for row in rows])).tolist()
-    tested = [Trial(*row[:7], p, *row[7:]) for row, p in zip(rows, chance, strict=True)]
-    cost = [problem.candidates[t.index].choice if t.index >= 0 else 0.0 for t in tested]
-    pairs = zip(tested, cost, strict=True)
+    tested = (Trial(*row[:7], p, *row[7:]) for row, p in zip(rows, chance, strict=True))
+    pairs = ((t, problem.candidates[t.index].choice if t.index >= 0 else 0.0) for t in tested)
     return [t._replace(choice=c, significance=min(t.significance * np.exp(c / 2), 1.0)) if c else t for t, c in pairs]
 
 
@@ -293,7 +292,8 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
 
     What every block has in common is fitted without one block and tested on it; what belongs to single blocks is
     fitted in every second stretch of so many seconds and tested on the others. Of a cause with parameters of both kinds
-    the better of the two counts. What only several blocks together determine is tested in such stretches of all.
+    the better of the two counts. What several blocks determine together is tested in such stretches of all, and what
+    only a prior tells from a parameter cannot be: 0, "prior".
     """
     place = problem.places[index]
     where = place.start + np.flatnonzero(np.diagonal(problem.total)[place] > 0)
@@ -309,7 +309,11 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
         together = ~alone.any(axis=0) & ~others.all(axis=0)
         if not np.any(together & (known[0] > attribution.SEEN**2 * problem.size[where] ** 2)):
             return across, "manoeuvres"
-        parts = sum(halves(problem, k, segment_s, columns) for k, one in enumerate(problem.blocks) if one.time.size)
+        measured = np.array([np.any(one.channel != "prior") for one in problem.blocks])
+        by_data = np.diag(attribution.projected(grams[1 : 1 + measured.size][measured].sum(axis=0), fixed))
+        if np.all(by_data[baseline.size :] < SHARED * known[0]):
+            return 0.0, "prior"
+        parts = sum(halves(problem, int(k), segment_s, columns) for k in np.flatnonzero(measured))
         return float(attribution.held_out(parts, 1 + fixed, np.arange(1 + baseline.size, 1 + columns.size))), "blocks"
     gain = 0.0
     for i in np.flatnonzero(size.max(axis=1) > 0):

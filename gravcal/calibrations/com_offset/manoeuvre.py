@@ -105,12 +105,9 @@ class Manoeuvre:
         return slice(first, first + sizes[CHANNELS.index(channel)])
 
     def whitened(self, signal: dict[str, np.ndarray]) -> np.ndarray:
-        """Whitened rows (n, q) of a signal, zero where a channel has none; readings go through the low-pass.
-
-        The slow torque follows what turns the body, so that a linear reading shows the rest of a torque.
-        """
+        """Whitened rows (n, q) of a signal, zero where a channel has none; readings go through the low-pass."""
         rows = np.zeros((self.size, next(iter(signal.values())).shape[2]))
-        if {"linear", "attitude"} <= set(signal):
+        if {"linear", "attitude"} <= set(signal):  # a slow torque follows the attitude: what is left is seen
             local, turned = (one[self.window.good] for one in (self.local_attitude, signal["attitude"]))
             fitted = np.linalg.lstsq(local.reshape(-1, local.shape[2]), turned.reshape(-1, turned.shape[2]))[0][6:-1]
             slow = least_squares.polynomial(self.time, len(fitted) // 3 - 1, self.arc.origin, self.arc.stop)
@@ -226,9 +223,8 @@ def _wide(aligned, field_, pads, rows, context, orbit):
     """Context at the epochs of the linear reading (slice `pads`): outside `rows` no current, measured motion."""
     time, inside = aligned["time_acc"].values[pads], rows - pads.start
     R_bi, field_b = _attitude_and_field(aligned, field_, time)
-    gradient_b = np.zeros((time.size, 3, 3))
-    if context.gradient_b.any():
-        gradient_b = R_bi @ gravity.gradient_i(lines_between(time, *orbit)) @ np.swapaxes(R_bi, 1, 2)
+    turn = R_bi * context.gradient_b.any()  # the published dynamics have no gradient
+    gradient_b = turn @ gravity.gradient_i(lines_between(time, *orbit)) @ np.swapaxes(turn, 1, 2)
     rate, rate_dot = np.broadcast_to(context.rate_b.mean(axis=0), (time.size, 3)).copy(), np.zeros((time.size, 3))
     spans = (time[0], context.time[0] - BEYOND_S), (context.time[-1] + BEYOND_S, time[-1])
     for outer, span in zip((slice(0, inside[0]), slice(inside[-1] + 1, None)), spans, strict=True):
@@ -242,10 +238,7 @@ def _wide(aligned, field_, pads, rows, context, orbit):
 
 
 def _slow_motion(aligned, span, time):
-    """Rate and its derivative (n, 3) rad s-1 and s-2 at epochs (n,) s, of one cubic through the attitudes of a span.
-
-    The span (begin, end) s; None of fewer attitudes than ENOUGH.
-    """
+    """Rate and its derivative (n, 3) rad s-1 and s-2 at epochs (n,) s, of a cubic through a span; None of too few."""
     tags, quaternion = aligned["time_sca"].values, aligned["quaternion"].values
     good = np.isfinite(quaternion).all(axis=1) & (tags >= span[0]) & (tags <= span[1])  # none that is flagged
     if good.sum() < ENOUGH:
