@@ -312,7 +312,7 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
         measured = np.array([np.any(one.channel != "prior") for one in problem.blocks])
         by_data = np.diag(attribution.projected(grams[1 : 1 + measured.size][measured].sum(axis=0), fixed))
         if np.all(by_data[baseline.size :] < SHARED * known[0]):
-            return 0.0, "prior"
+            return (across, "manoeuvres") if abs(across) > 1.0 else (0.0, "prior")  # a weak one moves no data
         parts = sum(halves(problem, int(k), segment_s, columns) for k in np.flatnonzero(measured))
         return float(attribution.held_out(parts, 1 + fixed, np.arange(1 + baseline.size, 1 + columns.size))), "blocks"
     gain = 0.0
