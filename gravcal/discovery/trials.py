@@ -307,12 +307,13 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
         known = np.array([np.diag(attribution.projected(one, fixed))[baseline.size :] for one in grams])
         alone, others = np.split(known[1:] > SHARED * known[0], 2)
         together = ~alone.any(axis=0) & ~others.all(axis=0)
-        if not np.any(together & (known[0] > attribution.SEEN**2 * problem.size[where] ** 2)):
+        observable = known[0] > attribution.SEEN**2 * problem.size[where] ** 2
+        if not np.any(together & observable) or not problem.candidates[index].of_frame:
             return across, "manoeuvres"
         measured = np.array([np.any(one.channel != "prior") for one in problem.blocks])
         by_data = np.diag(attribution.projected(grams[1 : 1 + measured.size][measured].sum(axis=0), fixed))
         if np.all(by_data[baseline.size :] < SHARED * known[0]):
-            return (across, "manoeuvres") if abs(across) > 1.0 else (0.0, "prior")  # a weak one moves no data
+            return 0.0, "prior"
         parts = sum(halves(problem, int(k), segment_s, columns) for k in np.flatnonzero(measured))
         return float(attribution.held_out(parts, 1 + fixed, np.arange(1 + baseline.size, 1 + columns.size))), "blocks"
     gain = 0.0

@@ -135,7 +135,7 @@ def test_what_only_blocks_together_determine_is_held_out_in_stretches_of_all():
     for size, gains in ((0.5, True), (0.0, False)):
         rows = [size * sign * s[:, 0] + rng.standard_normal(400) for sign, s in zip((1, -1), shared, strict=True)]
         blocks = [Block.of(f"{k}", row, "a", 0, time, shared=shared[k]) for k, row in enumerate(rows)]
-        problem = prepare(blocks, [Candidate("case.turn", "", ["p"], ["1"], [shared[0], -shared[1]])])
+        problem = prepare(blocks, [Candidate("case.turn", "", ["p"], ["1"], [shared[0], -shared[1]], of_frame=True)])
         gain, kind = trials.held_out(problem, baseline_of(problem, ()), 0, 10.0)
         assert (gain > 100, kind) == (gains, "blocks")
 
