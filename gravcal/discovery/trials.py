@@ -84,9 +84,19 @@ def tried(problem: Problem, baseline: np.ndarray, choice, used=()) -> list[Trial
     count = collections.Counter(row[0] for row in rows)  # of a kind, which has its share of the level
     correction = {kind: np.log(number / SHARES[kind]) for kind, number in count.items()}
     chance = np.minimum(1.0, np.exp([row[6] + correction[row[0]] for row in rows])).tolist()
-    tested = (Trial(*row[:7], p, *row[7:]) for row, p in zip(rows, chance, strict=True))
-    pairs = ((t, problem.candidates[t.index].choice if t.index >= 0 else 0.0) for t in tested)
-    return [t._replace(choice=c, significance=min(t.significance * np.exp(c / 2), 1.0)) if c else t for t, c in pairs]
+    tested = [Trial(*row[:7], p, *row[7:]) for row, p in zip(rows, chance, strict=True)]
+    return [_priced(problem, one, tested) for one in tested]
+
+
+def _priced(problem, trial, rows):
+    """Trial with what choosing its parameters among more costs, but not behind those of rows that have them all."""
+    one = problem.candidates[trial.index] if trial.index >= 0 else None
+    if one is None or not one.choice:
+        return trial
+    same = (t for t in rows if t.cause == trial.cause and t.index >= 0)
+    wider = [t.score for t in same if set(problem.candidates[t.index].names) > set(one.names)]
+    cost = min(one.choice, 0.99 * max(trial.score - max(wider, default=-np.inf), 0.0))
+    return trial._replace(choice=cost, significance=min(trial.significance * np.exp(one.choice / 2), 1.0))
 
 
 #: Log of the probability, not corrected, below which a series in no list comes near, and how many do at once.
@@ -136,11 +146,11 @@ def sparse(problem: Problem, baseline: np.ndarray, rows: list[Trial], choice) ->
         if len(few) < 2 or (candidate.cause, f"{words} alone") in existing or best.score < full.score:
             continue
         log_p = float(chi2_tail.log_tail(best.gain, best.dof, choice.freedom))
-        chance = float(np.exp(min(log_p + np.log(tried * comb(count, len(few)) / SHARES["listed"]), 0.0)))
-        cost = min(2 * np.log(comb(count, len(few))), 0.99 * (best.score - full.score))  # before all of its own cause
-        about = {"index": len(problem.candidates), "form": f"{words} alone", "choice": float(cost)}
-        problem = extended(problem, replace(candidate.part(few, words), choice=float(cost)))
-        rows = [*rows, best._replace(log_p=log_p, significance=chance, **about)]
+        chance = float(np.exp(min(log_p + np.log(tried / SHARES["listed"]), 0.0)))
+        few_of = replace(candidate.part(few, words), choice=2 * float(np.log(comb(count, len(few)))))
+        problem, number = extended(problem, few_of), len(problem.candidates)
+        best = best._replace(index=number, form=few_of.form, log_p=log_p, significance=chance)
+        rows = [*rows, _priced(problem, best, rows)]
     return problem, rows
 
 
@@ -292,30 +302,21 @@ def held_out(problem: Problem, baseline: np.ndarray, index: int, segment_s: floa
 
     What every block has in common is fitted without one block and tested on it; what belongs to single blocks is
     fitted in every second stretch of so many seconds and tested on the others. Of a cause with parameters of both kinds
-    the better of the two counts. What several blocks determine together is tested in such stretches of all, and what
-    only a prior tells from a parameter cannot be: 0, "prior".
+    the better of the two counts. A turned frame that only a prior tells from a parameter cannot be tested: 0, "prior".
     """
     place = problem.places[index]
-    where = place.start + np.flatnonzero(np.diagonal(problem.total)[place] > 0)
+    where = np.arange(place.start, place.stop)
     size = np.einsum("bqq->bq", problem.gram[:, where][:, :, where])
     together = np.sum(size > SHARED * size.max(axis=0), axis=0)
     across = attribution.held_out(problem.gram, baseline, where) if np.any(together > 1) else -np.inf
     if np.all(together > 1):
-        columns, fixed = np.concatenate([baseline, where]), np.arange(baseline.size)
-        grams = problem.gram[:, columns][:, :, columns]
-        grams = np.stack([grams.sum(axis=0), *grams, *(grams.sum(axis=0) - grams)])
-        known = np.array([np.diag(attribution.projected(one, fixed))[baseline.size :] for one in grams])
-        alone, others = np.split(known[1:] > SHARED * known[0], 2)
-        together = ~alone.any(axis=0) & ~others.all(axis=0)
-        observable = known[0] > attribution.SEEN**2 * problem.size[where] ** 2
-        if not np.any(together & observable) or not problem.candidates[index].of_frame:
-            return across, "manoeuvres"
-        measured = np.array([np.any(one.channel != "prior") for one in problem.blocks])
-        by_data = np.diag(attribution.projected(grams[1 : 1 + measured.size][measured].sum(axis=0), fixed))
-        if np.all(by_data[baseline.size :] < SHARED * known[0]):
-            return 0.0, "prior"
-        parts = sum(halves(problem, int(k), segment_s, columns) for k in np.flatnonzero(measured))
-        return float(attribution.held_out(parts, 1 + fixed, np.arange(1 + baseline.size, 1 + columns.size))), "blocks"
+        if problem.candidates[index].of_frame:
+            measured = np.array([np.any(one.channel != "prior") for one in problem.blocks])
+            totals = problem.total, problem.gram[measured].sum(axis=0)
+            known, by_data = (np.diag(attribution.projected(one, baseline))[where] for one in totals)
+            if np.all(by_data < SHARED * known):
+                return 0.0, "prior"
+        return across, "manoeuvres"
     gain = 0.0
     for i in np.flatnonzero(size.max(axis=1) > 0):
         acting = where[size[i] > 0]

@@ -128,16 +128,17 @@ def test_what_only_one_block_sees_gains_nothing_and_is_fitted_in_it():
     assert fitted == pytest.approx(attribution.held_out(grams(gone), np.array([1]), np.array([3])), abs=1e-6)
 
 
-def test_what_only_blocks_together_determine_is_held_out_in_stretches_of_all():
-    """Recovery: alike in one of two blocks and opposite in the other to what both share; no size no gain."""
-    rng, time = np.random.default_rng(8), np.arange(400.0)
-    shared = rng.standard_normal((2, 400, 1))
-    for size, gains in ((0.5, True), (0.0, False)):
-        rows = [size * sign * s[:, 0] + rng.standard_normal(400) for sign, s in zip((1, -1), shared, strict=True)]
-        blocks = [Block.of(f"{k}", row, "a", 0, time, shared=shared[k]) for k, row in enumerate(rows)]
-        problem = prepare(blocks, [Candidate("case.turn", "", ["p"], ["1"], [shared[0], -shared[1]], of_frame=True)])
-        gain, kind = trials.held_out(problem, baseline_of(problem, ()), 0, 10.0)
-        assert (gain > 100, kind) == (gains, "blocks")
+def test_a_frame_that_only_a_prior_tells_from_a_parameter_is_held_out_nowhere():
+    """Contract: zero, "prior", whatever is measured; a cause that is no frame is held out of the manoeuvres as ever."""
+    rng = np.random.default_rng(8)
+    shared = [*rng.standard_normal((2, 200, 1)), np.ones((1, 1))]
+    turned = [*shared[:2], np.zeros((1, 1))]  # what the parameter does, but for its prior
+    about = zip(("a", "a", "prior"), shared, strict=True)
+    blocks = [Block.of("", s[:, 0] + rng.standard_normal(len(s)), c, 0, np.arange(len(s)), shared=s) for c, s in about]
+    one = Candidate("case.turn", "", ["p"], ["1"], turned)
+    of_frame, other = (prepare(blocks, [replace(one, of_frame=of_frame)]) for of_frame in (True, False))
+    assert trials.held_out(of_frame, baseline_of(of_frame, ()), 0, 10.0) == (0.0, "prior")
+    assert trials.held_out(other, baseline_of(other, ()), 0, 10.0)[1] == "manoeuvres"
 
 
 def blocks_of(rng):

@@ -98,7 +98,7 @@ def _apart(others, aligned, time, position):
 def _pointing(aligned, time, position, velocity):
     """Star-camera epochs (m,) s, and larger of the angles (m,) deg of x to the line of velocity and of z to the nadir.
 
-    Position and velocity (n, 3) at times (n,) s are inertial. Which way x flies depends on which satellite leads.
+    Orbit (n,) s, (n, 3) inertial. Which way x flies depends on who leads; the field shows if the body is turned round.
     """
     quaternion = aligned["quaternion"].values
     if time.size < 2:
