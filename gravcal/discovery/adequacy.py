@@ -56,7 +56,7 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     scans = [s for s in [*scans, scan.steps(problem, baseline, residuals)] if s.at.size]
     excesses = [one for channel in channels for one in scan.excess(problem, residuals, channel)]
     rows, smallest, quiet = _bands(problem.blocks, residuals)
-    unlikely = [one.log_p for one in excesses]
+    unlikely = [_ranked(one.log_p) for one in excesses]
     lines = [chi2_tail.least_log_tail(s.gain, np.maximum(s.dof, 1)) + np.log(s.at.size) for s in scans]
     gram, gains, dof = attribution.projected(problem.total, baseline), [], []
     right = sum(c.onto(r) for c, r in zip(problem.columns, residuals, strict=True))
@@ -66,7 +66,7 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
             gains.append(np.sum((factor @ right[place]) ** 2, axis=0))
             dof.append(factor.shape[0])
     of_causes = chi2_tail.least_log_tail(np.array(gains), np.array(dof)) + np.log(len(dof)) if dof else None
-    families = [one for one in (smallest, of_causes, *lines, *unlikely) if one is not None]
+    families = [*(_ranked(one) for one in (smallest, of_causes, *lines) if one is not None), *unlikely]
     if not families:
         count = sum(block.observed.shape[0] for block in problem.blocks)
         raise EstimationError(
@@ -76,8 +76,9 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
         )
     least = np.min(families, axis=0)
     kept = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1].copy(), s.dof) for s in scans]  # no views
-    certain = [one for one in excesses if one.log_p[0] < CERTAIN]
-    excess = max(certain, key=lambda one: one.score, default=min(excesses, key=lambda one: one.log_p[0], default=None))
+    order = sorted(zip(unlikely, excesses, strict=True), key=lambda pair: pair[0][0])
+    certain = [one for log_p, one in order if log_p[0] < CERTAIN]
+    excess = max(certain, key=lambda one: one.score, default=order[0][1] if order else None)
     excess_p = _rank(np.min(unlikely, axis=0)) if excesses else 1.0
     quiet = 1.0 if quiet is None else _rank(quiet)
     return Test(_rank(least), rows, kept, [r[:, 0].copy() for r in residuals], quiet, excess, excess_p)
@@ -174,17 +175,21 @@ def _steps_about(block, steps, row):
 
 
 def _rank(log_p):
-    """P-value of the first of log p-values (1 + d,) among the others, which are of noise: its rank.
+    """P-value of the first of log p-values (1 + d,) among the others, which are of noise."""
+    return float(np.exp(_ranked(log_p)[0]))
 
-    Below a quarter of the draws it falls as their own tail does, at most as a probability should (Hill, Ann. Stat. 3,
+
+def _ranked(log_p):
+    """Natural logs of p-values (1 + d,) of a statistic (1 + d,) among its columns but the first, which are of noise.
+
+    Below a quarter of the draws they fall as their own tail does, at most as a probability should (Hill, Ann. Stat. 3,
     1975).
     """
     draws = np.sort(log_p[1:])
     quarter = draws.size // 4
-    if log_p[0] >= draws[quarter]:
-        return float((1 + np.sum(draws <= log_p[0])) / log_p.size)
     slope = min(quarter / max(np.sum(draws[quarter] - draws[:quarter]), 1e-9), 1.0)
-    return float(quarter / draws.size * np.exp(slope * (log_p[0] - draws[quarter])))
+    ranks = np.log((1 + np.searchsorted(draws, log_p, "right")) / log_p.size)
+    return np.where(log_p < draws[quarter], np.log(quarter / draws.size) + slope * (log_p - draws[quarter]), ranks)
 
 
 def _bands(blocks, residuals):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import partial
@@ -223,10 +224,12 @@ def side_by_side(parts: list[np.ndarray], groups) -> tuple[list[np.ndarray], np.
 
 
 TABLE = 1 << 21  # cosines that are made at once
+NEIGHBOURS, GUARD = 24, 2  # bins to either side that a chirp is set against, and that are left out next to it
 SHORTEST, NARROWEST = 32, 2  # samples of a stretch, bins of its spectrum, of the smallest tile of time and frequency
 LONGEST = {"tile": 50_000, "slow": 50_000, "chirp": 2048, "drift": 2048}  # samples of a block up to which each is tried
 FAST = {"reassoc", "contract", "nnan"}  # floating-point shortcuts that compiled sums may take
-FEWEST = 4.0  # degrees of freedom that the fit must leave of a tile for it to be tested
+FEWEST, MANY = 1.0, 4.0  # degrees of freedom of a tile from which on it is tested, and Wilson and Hilferty hold
+TAIL = 6.0  # exponent of a chi-square with fewer from which on its deviate is known; it is zero below
 
 
 @dataclass(frozen=True)
@@ -258,7 +261,7 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
     for kind, regions in (("tile", _tiles), ("slow", _slow), ("chirp", _chirps), ("drift", drifts)):
         best, count = (-np.inf,), 0
         largest = np.full(rest[0].shape[1], -np.inf)
-        for spans, bands, of_axes in regions(series) if numbers and series[0].shape[1] <= LONGEST[kind] else ():
+        for spans, bands, of_axes, plain in regions(series) if numbers and series[0].shape[1] <= LONGEST[kind] else ():
             sets = [*enumerate(of_axes if len(of_axes) > 1 else ()), (-1, sum(of_axes))]  # a channel may have one axis
             for axis, of_blocks in sets:
                 by_block = zip(numbers, of_blocks, strict=True) if kind in ("tile", "chirp") else ()
@@ -266,8 +269,9 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
                     score = _deviations(power, largest)
                     count += int(np.sum(np.isfinite(score)))
                     if largest[0] > best[0]:
-                        place = int(score.argmax())
-                        above = power[place, 0] - 2 * power[place, 1:].mean()
+                        place, rows = int(score.argmax()), slice(None) if block < 0 else numbers.index(block)
+                        total = sum(one[rows, place].sum() for one in (plain if axis < 0 else plain[axis : axis + 1]))
+                        above = total - 2 * power[place, 1:].mean()
                         best = largest[0], axis, block, spans[place], bands[place], above
         if count and np.isfinite(best[0]):
             log_p = special.log_ndtr(-largest) + np.log(count)
@@ -317,34 +321,53 @@ def _series(blocks, residuals, channel):
 def _deviations(power, most):
     """Normal deviates (k,) of the first column of power (k, d) under the chi-square that the others, draws, show.
 
-    By Wilson and Hilferty; the degrees of freedom are the mean of the draws, fewer where their variance shows weights.
-    `most` (d,), the largest deviate of each column, is updated in place; what cannot raise it needs no cube root.
+    Each draw is set against all the others, as the first column is. `most` (d,), the largest deviate of each column, is
+    updated in place.
     """
-    deviates, lowest = np.full(len(power), -np.inf), most.min()
+    deviates, lowest, draws = np.full(len(power), -np.inf), most.min(), power.shape[1] - 1
     for k in range(len(power)):
-        total, maximum, square = 0.0, power[k, 0], 0.0
-        for j in range(1, power.shape[1]):
-            total += power[k, j]
-            maximum = max(maximum, power[k, j])
-        mean = total / (power.shape[1] - 1)
-        for j in range(1, power.shape[1]):
-            square += (power[k, j] - mean) ** 2
-        square /= power.shape[1] - 1
-        freedom = min(mean, 2 * mean**2 / max(square, 1e-6))
-        if freedom >= FEWEST:
-            spread = 2 / (9 * freedom)
-            root = np.sqrt(spread)
-            deviates[k] = (np.cbrt(power[k, 0] / mean) - 1 + spread) / root
-            if maximum > mean * (1 - spread + lowest * root) ** 3:
-                for j in range(power.shape[1]):
-                    if power[k, j] > mean * (1 - spread + most[j] * root) ** 3:
-                        most[j] = (np.cbrt(power[k, j] / mean) - 1 + spread) / root
-                lowest = most.min()
+        total, square, largest = 0.0, 0.0, 0.0
+        for value in power[k, 1:]:
+            total += value
+            square += value * value
+            largest = max(largest, value)
+        deviates[k] = _deviate(power[k, 0], total, square, draws)
+        of_draws = _deviate(largest, total - largest, square - largest * largest, draws - 1)
+        if max(deviates[k], of_draws) > lowest:
+            most[0] = max(most[0], deviates[k])
+            for j in range(1, draws + 1):
+                value = power[k, j]
+                most[j] = max(most[j], _deviate(value, total - value, square - value * value, draws - 1))
+            lowest = most.min()
     return deviates
 
 
+@njit(cache=True, fastmath=FAST)
+def _deviate(power, total, square, draws):
+    """Normal deviate of a power under the chi-square of draws, their sum and sum of squares; -inf if not tested.
+
+    The degrees of freedom are the mean of the draws, fewer where their variance shows weights: by Wilson and Hilferty,
+    or of few by the leading terms of both tails (Abramowitz and Stegun, 6.5.32 and 26.2.12).
+    """
+    mean = total / draws
+    freedom = min(mean, 2 * mean**2 / max(square / draws - mean**2, 1e-6))
+    if freedom < FEWEST:
+        return -np.inf
+    if freedom >= MANY:
+        spread = 2 / (9 * freedom)
+        return (np.cbrt(power / mean) - 1 + spread) / np.sqrt(spread)
+    exponent = freedom * power / (2 * mean)
+    if exponent < TAIL:
+        return 0.0
+    log_tail = (freedom / 2 - 1) * np.log(exponent) - exponent - math.lgamma(freedom / 2)
+    return np.sqrt(-2 * log_tail - np.log(-4 * np.pi * log_tail))
+
+
 def _tiles(series):
-    """Yield tiles of axis series (b, n, d): spans (k, 2) samples, bands (k, 2) per sample, power (b, k, d) an axis."""
+    """Yield tiles of axis series (b, n, d): spans (k, 2) samples, bands (k, 2) per sample, and two lists by axis.
+
+    Powers (b, k, d) to be tested, and the observed ones as they are (b, k).
+    """
     count, parts = series[0].shape[1], 1
     while count // parts >= SHORTEST:
         size = count // parts
@@ -357,7 +380,8 @@ def _tiles(series):
             power = _power(one[:, : parts * size].reshape(len(one), parts, size, -1))
             total = np.concatenate([np.zeros_like(power[:, :, :1]), np.cumsum(power, axis=2)], axis=2)
             of_axes.append((total[:, :, edges[:, 1]] - total[:, :, edges[:, 0]]).reshape(len(one), -1, one.shape[2]))
-        yield size * np.stack([stretch, stretch + 1], axis=1), (edges[tile] + 1) / size, of_axes
+        plain = [one[..., 0] for one in of_axes]
+        yield size * np.stack([stretch, stretch + 1], axis=1), (edges[tile] + 1) / size, of_axes, plain
         parts *= 2
 
 
@@ -365,7 +389,7 @@ def _power(series):
     """Periodogram (..., f, d) of series (..., n, d), mean 2 for unit variance; no zero-frequency and Nyquist bins."""
     size = series.shape[-2]
     spectrum = fft.rfft(series, axis=-2)[..., 1 : 1 + (size - 1) // 2, :]
-    return _squared(np.ascontiguousarray(spectrum), 2 / size, np.empty(spectrum.shape, "f4"))
+    return _squared(np.ascontiguousarray(spectrum), 2 / size)
 
 
 def _slow(series):
@@ -377,7 +401,7 @@ def _slow(series):
         weights = 1 / (1 + (np.arange(1, bins + 1) / corners[:, None]) ** 2)
         bands = np.stack([np.ones(corners.size), 1 + corners], axis=1) / count
         of_axes = [np.einsum("kf,bfd->bkd", weights, _power(one), optimize=True) for one in series]
-        yield np.array([(0, count)] * corners.size), bands, of_axes
+        yield np.array([(0, count)] * corners.size), bands, of_axes, [one[..., 0] for one in of_axes]
 
 
 def _chirps(series):
@@ -386,44 +410,55 @@ def _chirps(series):
     A real series has the same power at (rate, f) and (-rate, -f): one spectrum gives both signs of the rate, of unit
     variance for each of the two degrees of freedom.
     """
-    count, buffers = series[0].shape[1], {}
+    count = series[0].shape[1]
     turns = 0.25 * count  # of a rate of half the band in half the time; ends apart by a quarter of a turn
     for step in range(1, int(turns / 2) + 1):
         rate = 4 * step / count**2
         middle, sweep = np.arange(count) / count, rate * count / 2
         kept = np.flatnonzero((middle > sweep) & (middle < 0.5 - sweep))
         if kept.size:
-            low, high, of_axes = kept[0], kept[-1] + 1, []
-            for one in series:
-                power = _turned(one, rate, buffers)
-                halves = power[:, low:high], power[:, 1 - high : 1 - low or None][:, ::-1]
-                of_axes.append(np.concatenate(halves, axis=1))
-            rising = middle[kept, None] + [-sweep, sweep]
-            yield np.array([(0, count)] * 2 * kept.size), np.concatenate([rising, rising[:, ::-1]]), of_axes
+            both, rising = np.concatenate([kept, -kept]), middle[kept, None] + [-sweep, sweep]
+            bands, powers = np.concatenate([rising, rising[:, ::-1]]), [_turned(one, rate) for one in series]
+            of_axes = [_above(one, min(NEIGHBOURS, count // 8), GUARD)[:, both] for one in powers]
+            yield np.array([(0, count)] * both.size), bands, of_axes, [one[:, both, 0] for one in powers]
 
 
-def _turned(series, rate, buffers):
-    """Periodogram (b, n, d) of a series dechirped at a rate, cycles/sample^2; buffers {shape: arrays} are reused."""
-    if series.shape not in buffers:
-        buffers[series.shape] = np.empty(series.shape, "c8"), np.empty(series.shape, "f4")
-    dechirped, power = buffers[series.shape]
+def _turned(series, rate):
+    """Periodogram (b, n, d) of a series dechirped at a rate, cycles/sample^2."""
     centred = np.arange(series.shape[1]) - series.shape[1] / 2
-    _multiply(series, np.exp(-1j * np.pi * rate * centred**2).astype("c8"), dechirped)
-    return _squared(fft.fft(dechirped, axis=1, overwrite_x=True), 2 / series.shape[1], power)
+    turn = np.exp(-1j * np.pi * rate * centred**2).astype("c8")
+    return _squared(fft.fft(series * turn[:, None], axis=1, overwrite_x=True), 2 / series.shape[1])
 
 
 @njit(cache=True, fastmath=FAST)
-def _multiply(series, turn, out):
-    """Write series (b, n, d) times a complex factor turn (n,) at each epoch into out (b, n, d)."""
-    for i, k in np.ndindex(series.shape[:2]):
-        for j in range(series.shape[2]):
-            out[i, k, j] = series[i, k, j] * turn[k]
+def _above(power, half, guard):
+    """Power (b, n, d) of two degrees of freedom, each bin set against the bins from `guard` to `half` beside it.
+
+    Of noise it is a chi-square of two degrees of freedom again, whatever its level: with s the sum of m such powers,
+    P(power / s > t) = (1 + t)^-m; the logarithm by its Pade approximant [2/2]. What a block has less in all than the
+    draws is added to s: noise that is overrated makes nothing stand out.
+    """
+    above, size, count = np.empty_like(power), power.shape[1], 2 * (half - guard)
+    for i in range(len(power)):
+        mean = power[i].sum(axis=0) / size
+        lack = count * np.maximum(mean[1:].mean() - mean, np.float32(1e-9))
+        beside = np.zeros(mean.size)
+        for k in range(guard + 1, half + 1):
+            beside += power[i, k] + power[i, size - k]
+        for k in range(size):
+            for j in range(power.shape[2]):
+                x, s = power[i, k, j], beside[j] + lack[j]
+                above[i, k, j] = 2 * count * x * (6 * s + 3 * x) / (6 * s * s + 6 * s * x + x * x)
+            beside += power[i, (k + half + 1) % size] - power[i, (k + guard + 1) % size]
+            beside += power[i, k - guard] - power[i, k - half]
+    return above
 
 
 @njit(cache=True, fastmath=FAST)
-def _squared(spectrum, factor, power):
-    """Write factor times the squared magnitude of spectrum (...) into power (...), which is returned."""
-    source, target, scale = spectrum.reshape(-1), power.reshape(-1), np.float32(factor)
+def _squared(spectrum, factor):
+    """Squared magnitude of a spectrum (...), times a factor."""
+    power, scale = np.empty(spectrum.shape, np.float32), np.float32(factor)
+    source, target = spectrum.reshape(-1), power.reshape(-1)
     for k in range(source.size):
         target[k] = scale * (source[k].real ** 2 + source[k].imag ** 2)
     return power
@@ -434,7 +469,7 @@ def _drifts(starts, spacing, series):
 
     Blocks begin at `begins` (b,) s, samples are `spacing` s apart; each is dechirped by the drift within it.
     """
-    count, buffers = series[0].shape[1], [{} for _ in series]
+    count = series[0].shape[1]
     centred = (starts - np.mean([starts.min(), starts.max()])) / spacing if len(starts) > 2 else np.zeros(1)
     half, last, turned = centred.max(), None, []
     for ends in range(-(count // 4), count // 4 + 1) if half > 0 else ():
@@ -443,8 +478,9 @@ def _drifts(starts, spacing, series):
         if abs(ends) > 1 and kept.size:
             step = round(ends / half * count / 4)
             if step != last:
-                turned = [_turned(one, 4 * step / count**2, spare) for one, spare in zip(series, buffers, strict=True)]
+                turned = [_turned(one, 4 * step / count**2) for one in series]
             low, high, last = kept[0], kept[-1] + 1, step
             drift = ends * (1 + count / (2 * half))
-            moved = ([row[low + m : high + m] for row, m in zip(one, shift, strict=True)] for one in turned)
-            yield np.array([(0, count)] * kept.size), (kept[:, None] + [-drift, drift]) / count, [*map(np.stack, moved)]
+            moved = [[row[low + m : high + m] for row, m in zip(one, shift, strict=True)] for one in turned]
+            of_axes, bands = [*map(np.stack, moved)], (kept[:, None] + [-drift, drift]) / count
+            yield np.array([(0, count)] * kept.size), bands, of_axes, [one[..., 0] for one in of_axes]

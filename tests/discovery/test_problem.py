@@ -267,6 +267,19 @@ def test_power_that_follows_nothing_is_noticed_and_is_no_tone(signal, words):
     assert result.after.p > 0.005
 
 
+def test_a_chirp_stands_out_of_noise_that_was_measured_with_it():
+    """Recovery: half of the power of a record; noise as it was measured has none, and noise that is less has none."""
+    rng, time = np.random.default_rng(5), np.arange(300.0)
+    sweep = np.sin(2 * np.pi * (0.15 * time + 0.1 / 300 * time**2))
+    block = Block.of("one", np.zeros(300), "linear", 0, time, shared=np.zeros((300, 1)), local=np.ones((300, 1)))
+    log_p = []
+    for level, size in ((0.7, 1.0), (1.0, 0.0), (0.3, 0.0)):
+        rest = np.column_stack([level * rng.standard_normal(300) + size * sweep, rng.standard_normal((300, 199))])
+        log_p += [e.log_p for e in scan.excess(prepare([block], []), [rest], "linear") if e.kind == "chirp"]
+    assert log_p[0][0] < -30 < -8 < np.min(log_p[0][1:])
+    assert min(log_p[1][0], log_p[2][0]) > -3
+
+
 def test_a_line_that_drifts_from_block_to_block_is_one_excess_of_a_channel_with_one_axis():
     """Recovery: signal-to-noise 4 in each of eight stretches with pauses, 40 to 140 mHz in all; no one shows it."""
     rng, time, blocks = np.random.default_rng(4), np.arange(300.0), []

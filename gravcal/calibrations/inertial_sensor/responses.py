@@ -48,6 +48,8 @@ def of_swing(view: SwingView) -> list[Candidate]:
         added[view.inside] = view.binned(values)
         linear, angular = view.linear_rows(on_axes(added)), -view.turned_rows(on_axes(values))
         read = ("linear", view.cut(linear=linear), "m s-2"), ("angular", view.cut(attitude=angular), "rad s-2")
+        if driver == "angular_acceleration" and form.startswith("component"):  # of the linear reading: the angular leak
+            read = read[1:]
         candidates += [unknown(driver, f"{name} reading, {form}", c, unit, along(name)) for name, c, unit in read]
     return candidates
 
