@@ -301,7 +301,7 @@ def model_of_event(text: str, source) -> str:
     entries = json.loads(text) if text else []
     if not any("from" in one or "to" in one for one in entries):
         return text
-    day = getattr(source, "date", None) or ""
+    day = getattr(source, "date", None) or source.event[-10:]
     entries = [one for one in entries if one.pop("from", "") <= day < one.pop("to", "~")]
     return json.dumps(entries, sort_keys=True, allow_nan=False) if entries else ""
 

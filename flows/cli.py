@@ -110,9 +110,7 @@ def command_of(group, name=None):
 
     def decorate(body):  # the command
         own = ARGUMENTS.get(body.__name__, {})
-        made = [
-            argument(one, ARGUMENTS["common"].get(one, {}) | own.get(one, {})) for one in signature(body).parameters
-        ]
+        made = [argument(n, ARGUMENTS["common"].get(n, {}) | own.get(n, {})) for n in signature(body).parameters]
         body.__signature__ = Signature(made)
         return group.command(name)(body)
 

@@ -270,7 +270,9 @@ def sequence(path, *, save=False):
         elif not any(one.satellite in letters for letters in record(one.calibration).satellites):
             row["state"] = f"{one.calibration} takes no {one.satellite}"
         elif name in catalog.names("events"):
-            row["state"] = "in the catalogue"
+            row["state"] = "in the catalogue" if catalog.event(name).calibration == one.calibration else "name taken"
+        elif any(saved == name and calibration != one.calibration for calibration, saved in by_event):
+            row["state"] = "name taken"
         else:
             by_event.setdefault((one.calibration, name), []).append((row, days))
         rows.append(row)

@@ -41,9 +41,7 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
         refuse(event, missing, "one", "Make it with gravcal run, or name an experiment with --as.")
     if out.exists() and (out.is_file() or any(out.iterdir())):
         refuse(str(out), "that it is there already", "a new folder or file", "Give another --out.")
-    files = {
-        f"report/{one.ref.stage}/{n}": (one.ref.folder / n).read_bytes() for one in entries for n in one.record["files"]
-    }
+    files = {f"report/{e.ref.stage}/{n}": (e.ref.folder / n).read_bytes() for e in entries for n in e.record["files"]}
     for one in reports:
         text = discovery.model_text((), event, history.model_of(one.record)).encode()
         if text:  # that of a search has its own

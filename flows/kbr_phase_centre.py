@@ -114,9 +114,10 @@ def _days(source):
     there = sorted({one.date for one in files if one.product in CALIBRATION.begins and one.satellite == letter})
     if not source.date:
         return there
-    spans = [second for _, one in _known(source.event) for second in (one.start, one.stop)]
-    days = {(EPOCH + timedelta(seconds=second)).date().isoformat() for second in spans}
-    return sorted({source.date} | days.intersection(there))
+    known, spans = catalog.names("events"), [t for _, one in _known(source.event) for t in (one.start, one.stop)]
+    days = {source.date} | {(EPOCH + timedelta(seconds=second)).date().isoformat() for second in spans}
+    last = str(catalog.event(source.event).end_date) if source.event in known else source.date
+    return [day for day in there if day in days or source.date <= day <= last] or [source.date]
 
 
 def _known(event):  # [(satellite letter, Manoeuvre)] that the catalogue holds of an event

@@ -18,18 +18,8 @@ joint_report, plain = lazy("gravcal.report.joint"), lazy("gravcal.report.plain")
 
 REASONS, SHOWN = 2, 4  # of a stage that a plan shows, and stages that one of them names
 WIDE = 100_000  # characters: rows are never broken
-COLOURS = {
-    "run": "yellow",
-    "may run": "yellow",
-    "reuse": "green",
-    "delivered": "green",
-    "questionable": "yellow",
-    "no_manoeuvre": "yellow",
-    "no_data": "yellow",
-    "failed": "red",
-    "equal": "green",
-    "different": "red",
-}
+COLOURS = dict.fromkeys(("run", "may run", "questionable", "no_manoeuvre", "no_data"), "yellow")
+COLOURS |= dict.fromkeys(("reuse", "delivered", "equal"), "green") | dict.fromkeys(("failed", "different"), "red")
 
 
 def say(text=""):
@@ -241,9 +231,7 @@ def design(document, out, json_path):
         f"published, {document['published_minutes']:.3g} min",
     ]
     digits = lambda one: "not determined" if one is None else f"{one:.3g}"  # noqa: E731
-    rows = [
-        [f"{name} ({new['unit'][name]})", *(digits(one["sigma"][name]) for one in (new, old))] for name in new["sigma"]
-    ]
+    rows = [[f"{name} ({new['unit'][name]})", *(digits(d["sigma"][name]) for d in (new, old))] for name in new["sigma"]]
     if achieved:
         heads += [f"achieved in {achieved['flights']} flights", "rms error"]
         pairs = zip(rows, achieved["sigma"], achieved["error_rms"], strict=True)
@@ -260,9 +248,7 @@ def design(document, out, json_path):
     ]
     if rows:
         flown = (achieved or {}).get("separated", ())
-        rows = [
-            [*row, f"{one['separated']} of {one['flights']}"] for row, one in zip(rows, flown, strict=False)
-        ] or rows
+        rows = [[*row, f"{n['separated']} of {n['flights']}"] for row, n in zip(rows, flown, strict=False)] or rows
         heads = ["told apart", "chi2, design", "odds", "chi2, published", "odds"]
         table(heads + ["told apart in flights"] * bool(flown), rows)
     if out:

@@ -103,8 +103,11 @@ def _campaign(calibration, satellite, data, settings, workers, joint):
 
     summary = campaign.run(campaign.Campaign(calibration, chosen, "flow", None, workers), sources, listener)
     key, (rows, left_out) = calibration.replace("_", "-"), campaign.table(summary["events"])
-    shown, description = [_table_row(row) for row in rows], f"Events and their values{left_out}"
-    create_table_artifact(table=shown, key=f"{key}-values", description=description)
+    names, table = ("event", "status", "origin", "made", "reused", "seconds", "values", "said", "report"), []
+    for row in rows:
+        row = row | {"values": row.get("said", ""), "said": row.get("error") or row.get("verdict", "")}
+        table.append({name: row.get(name, "") for name in names})
+    create_table_artifact(table=table, key=f"{key}-values", description=f"Events and their values{left_out}")
     made = {row["event"]: Path(row["report"]) for row in rows if "report" in row}
     links = [f"- [{event}]({_address(page)})" for event, one in made.items() for page in sorted(one.glob("*.html"))]
     if links:
@@ -128,13 +131,6 @@ def _together(calibration, satellite, data, chosen, workers):
         lines += ["", f"{document['event']}: {document['verdict']['text']}", "", *(f"- changed: {t}" for t in changes)]
         lines += [f"- [{path.name}]({_address(path)})" for path in files if path.suffix == ".html"]
     create_markdown_artifact("\n".join(lines), key=f"{calibration.replace('_', '-')}-joint", description=TOGETHER)
-
-
-def _table_row(row):
-    """Row of the artifact table from a campaign's row: status, values with errors, verdict or error message."""
-    shown = {key: row.get(key, "") for key in ("event", "status", "origin", "made", "reused", "seconds")}
-    said = {"values": row.get("said", ""), "said": row.get("error") or row.get("verdict", "")}
-    return shown | said | {"report": row.get("report", "")}
 
 
 def _address(page):

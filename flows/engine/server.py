@@ -238,8 +238,8 @@ def _wait_for(server):
                 server.gate.close()
             return
         time.sleep(0.05)
-    code = server.child is not None and server.child.poll()
-    what = f"did not answer within {START_LIMIT_S:.0f} s" if code in (None, False) else f"ended with code {code}"
+    code = server.child.poll() if server.child else None
+    what = f"did not answer within {START_LIMIT_S:.0f} s" if code is None else f"ended with code {code}"
     raise Unavailable(f"{server.url} {what}; see {_log()}")
 
 

@@ -225,9 +225,7 @@ def _event(request):
 def _wish(request, variable):
     """`plots.Wish` of a variable (name) by a query: column, view, with (key of another product), start and even (1)."""
     query = request.query_params  # what is not valid is ignored
-    columns = tuple(
-        int(text) for text in query.getlist("column") if text.isascii() and text.isdigit() and len(text) < 9
-    )
+    columns = tuple(int(t) for t in query.getlist("column") if t.isascii() and t.isdigit() and len(t) < 9)
     view = query.get("view", "overlay")
     view = view if view in plots.VIEWS else "overlay"
     other = query.get("with", "") if store_index.entry(query.get("with", "")) else ""

@@ -172,7 +172,7 @@ def searches(event, configuration=location.OPERATIONAL) -> list[tuple[housekeepi
 
 def proposed() -> list[dict]:
     """[document] of the designs that `gravcal design` wrote into this store, the last day first."""
-    designs = [_json(path) for path in (location.folder() / "designs").glob("*.json")]
+    designs = [location.read_json(path) for path in (location.folder() / "designs").glob("*.json")]
     return sorted((one for one in designs if one), key=lambda one: one["date"], reverse=True)
 
 

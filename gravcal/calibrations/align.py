@@ -63,9 +63,8 @@ def usable(observed: xr.Dataset, names: tuple[str, ...]) -> tuple[np.ndarray, np
 def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_gap_limit_s: float):
     """GPS Tags (s, flags) of an "ingest" with on-board tags: by TIM1B to receiver time, by CLK1B to GPS time."""
     limits = clock_gap_limit_s, clock_gap_limit_s, JUMP_S  # between clock records, beyond them, of a step of the clock
-    names = ("obctime", "rcvtime_intg", "rcvtime_frac", "qualflg")
-    second, received, nano, flag = (tim1b[name].values for name in names)
-    onboard = timing.tim1b_clock(second, received, 1e-9 * nano, flag)
+    names = ("obctime", "receiver_second", "receiver_fraction", "qualflg")
+    onboard = timing.tim1b_clock(*(tim1b[name].values for name in names))
     receiver = timing.clk1b_clock(*(clk1b[n].values for n in ("rcv_time", "eps_time", "eps_drift", "qualflg")))
     received, _ = timing.converted(own_tags(observed), onboard, *limits)
     gps, _ = timing.converted(received, receiver, *limits)

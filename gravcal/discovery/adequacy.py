@@ -185,11 +185,12 @@ def _ranked(log_p):
     Below a quarter of the draws they fall as their own tail does, at most as a probability should (Hill, Ann. Stat. 3,
     1975).
     """
+    log_p = np.maximum(log_p, -1e6)  # a tail may be too small for a number
     draws = np.sort(log_p[1:])
     quarter = draws.size // 4
     slope = min(quarter / max(np.sum(draws[quarter] - draws[:quarter]), 1e-9), 1.0)
-    ranks = np.log((1 + np.searchsorted(draws, log_p, "right")) / log_p.size)
-    return np.where(log_p < draws[quarter], np.log(quarter / draws.size) + slope * (log_p - draws[quarter]), ranks)
+    ranks, tail = 1 + np.searchsorted(draws, log_p, "right"), slope * (log_p - draws[quarter])
+    return np.where(tail < 0, np.log(quarter / draws.size) + tail, np.log(ranks / log_p.size))
 
 
 def _bands(blocks, residuals):

@@ -1,32 +1,14 @@
 """Effects: parameters with units and one additive contribution to one channel of the forward model."""
 
+import tomllib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import numpy as np
 
-#: Channels that a contribution can be added to, with its unit. `*_b` are resolved in the body frame (SRF).
-CHANNELS = {
-    "dipole_b": "A m2",  # magnetic dipole of the torquers and the satellite
-    "torque_b": "N m",  # torque on the satellite about its centre of mass
-    "linear_b": "m s-2",  # reading of the accelerometer, linear
-    "angular_b": "rad s-2",  # reading of the accelerometer, angular
-    "electrode_v": "V",  # recorded actuation voltages of an inertial sensor, in the order of its electrodes
-    "pointing_b": "rad",  # small rotation from true to measured attitude
-    "heads_b": "rad",  # the part of that rotation that changes with the star-camera heads in use
-    "field_b": "T",  # reading of the magnetometer
-    "linear_each_b": "m s-2",  # readings of several test masses, one after the other, linear
-    "angular_each_b": "rad s-2",  # the same, angular
-    "acc_delay": "s",  # tag minus true time of the accelerometer
-    "sca_delay": "s",  # tag minus true time of the star camera
-    "range": "m",  # ranging between two satellites
-    "mag_delay": "s",  # tag minus true time of the magnetometer and torquer telemetry
-    "impulse_b": "N m s",  # angular impulse of each thruster firing
-    "thr_delay": "s",  # tag minus true time of the thruster telemetry
-    "orbit_delay": "s",  # tag minus true time of the orbit
-}
-
-
+#: {channel that a contribution can be added to: its unit}.
+CHANNELS = tomllib.loads(Path(__file__).with_name("channels.toml").read_text(encoding="utf-8"))
 #: Usual values of parameters that a contribution is not linear in: s, 1, rad, A m2, rad.
 USUAL = {"tau": 0.3, "damping": 0.02, "phase": 1.0, "limit": 27.0, "period": 0.021}
 REVERSED = -3.0  # smallest relative excess of a scale that has a meaning: factor -2, the sign reversed

@@ -107,11 +107,14 @@ def content(file: LevelOneFile) -> bytes:
 
 def _member(file):
     """Bytes, as stored, of the member of an archive that a LevelOneFile names; refused if there is none."""
+    packed = None
     with opened(file.path) as tar:
         for item in members(tar, file.path):
-            if item.name == file.member:
-                return tar.extractfile(_safe(file.path, item)).read()
-    return refuse(file.where, "no such member", "a member of the archive", "List the archive with inventory().")
+            if item.name == file.member:  # the last of that name counts, as for tar
+                packed = tar.extractfile(_safe(file.path, item)).read()
+    if packed is None:
+        refuse(file.where, "no such member", "a member of the archive", "List the archive with inventory().")
+    return packed
 
 
 def _safe(path, item):
@@ -171,7 +174,7 @@ def state_of(folder) -> str | None:
     """Digest of names, sizes and times of change of the Level-1 files and archives below a folder; None without any."""
     stamps = []
     for path in sorted(Path(folder).rglob("*")):
-        if not path.name.startswith(".") and (is_archive(path) or from_name(path)):
+        if not path.name.startswith(".") and (is_archive(path) or from_name(path) or path.suffix in (".nc", ".cdf")):
             with contextlib.suppress(OSError):  # it went while we looked
                 status = path.stat()
                 stamps.append(f"{path.relative_to(folder)} {status.st_size} {status.st_mtime_ns}")
@@ -289,6 +292,8 @@ def members(tar, path):
         if total > IN_ARCHIVE * limit():
             refuse(path, f"more than {IN_ARCHIVE * limit() / MEGABYTE:g} MB in an archive", "less", REMEDY)
         yield item
+    while tar.fileobj.read(tarfile.RECORDSIZE):  # to the checksum of the compression
+        pass
 
 
 def check_netcdf(path) -> None:

@@ -124,6 +124,7 @@ def read_sgrs(file: LevelOneFile, truth: bool = False):
 def sensor_positions(file: LevelOneFile) -> np.ndarray:
     """Positions of the test masses in an SGRS file, (1 or 2, 3) m, without reading the rest."""
     try:
+        archive.check_netcdf(file.path)
         with product.opened(file.path) as content:
             return np.asarray(content["sensor_position"][...], dtype=float)
     except (*archive.DAMAGED, IndexError) as reason:
@@ -150,7 +151,7 @@ def _records(file, layout, start=None, stop=None):
                 time, columns = in_order(time, {name: content[name][:] for name in along})
                 part = _part(time, start, stop)
                 values |= {name: column[part] for name, column in columns.items()}
-    except archive.DAMAGED as reason:
+    except (*archive.DAMAGED, IndexError) as reason:
         refuse(file.path, f"no readable netCDF file ({reason})", f"an {file.product} file", "Fetch the file again.")
     if time.size < 2:
         refuse(file.path, f"{time.size} epochs", "at least two with a finite time", "Fetch the file again.")

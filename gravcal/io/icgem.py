@@ -14,6 +14,7 @@ from gravcal.physics.gravity import Field
 
 SHIPPED = "GGM05S.gfc"  # Tapley et al. 2013, UT CSR: ten years of GRACE, degree 180, calibrated errors, zero tide
 KEYS = {"earth_gravity_constant": "gm", "gravity_constant": "gm", "radius": "radius", "max_degree": "degree"}
+TEXTS = {"norm": "norm", "modelname": "name", "errors": "errors"}
 STATIC, VARIABLE = ("gfc", "gfct"), ("trnd", "dot", "acos", "asin")
 
 
@@ -49,7 +50,7 @@ def read_field(path: Path, highest: int | None = None) -> Field:
         if not 0 <= m <= n <= head["degree"]:
             refuse(where, f"degree {n}, order {m}", f"0 <= order <= degree <= {head['degree']}", "Repair the line.")
         if n <= degree:
-            values = [_number(word, where) for word in words[3:7]]
+            values = [_number(word, where) for word in words[3 : 5 if head["errors"] == "no" else 7]]
             coefficients[: len(values), n, m] = values
             listed[n, m] = True
     if not listed[0, 0]:
@@ -63,7 +64,7 @@ def read_field(path: Path, highest: int | None = None) -> Field:
 
 def _head(lines, path):
     """({"gm" m3 s-2, "radius" m, "degree", "norm", "name"}, index of the first line after the head)."""
-    head = {"norm": "fully_normalized", "name": ""}
+    head = {"norm": "fully_normalized", "name": "", "errors": ""}
     for index, line in enumerate(lines):
         words = line.split()
         if words and words[0] == "end_of_head":
@@ -73,8 +74,8 @@ def _head(lines, path):
             return head, index + 1
         if len(words) > 1 and words[0] in KEYS:
             head[KEYS[words[0]]] = _number(words[1], f"{path.name}, line {index + 1}")
-        elif len(words) > 1 and words[0] in ("norm", "modelname"):
-            head["norm" if words[0] == "norm" else "name"] = words[1]
+        elif len(words) > 1 and words[0] in TEXTS:
+            head[TEXTS[words[0]]] = words[1]
         if "degree" in head:
             head["degree"] = int(head["degree"])
     return refuse(f"{path.name}", "no line end_of_head", "a head as in ICGEM files", "Is this a .gfc file?")

@@ -199,7 +199,9 @@ def _spans(search, law):
         after = [str(datetime.date.fromisoformat(d) + datetime.timedelta(1)) for d in days]
         return [(a, b, w[None]) for a, b, w in zip(days, after, weights, strict=True) if w.any()]
     cuts = [0, *(np.flatnonzero(np.any(np.diff(weights, axis=0), axis=1)) + 1), len(days)]
-    bounds = [day((search.events[k - 1].time + search.events[k].time) / 2) if 0 < k < len(days) else "" for k in cuts]
+    times = [one.time for one in search.events]  # a span begins after the last day of the one before
+    middles = [max(day((times[k - 1] + times[k]) / 2), day(times[k - 1] + 86400.0)) for k in cuts[1:-1]]
+    bounds = ["", *middles, ""]
     spans = zip(bounds[:-1], bounds[1:], (weights[k][None] for k in cuts[:-1]), strict=True)
     return [span for span in spans if span[2].any()]
 

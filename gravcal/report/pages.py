@@ -197,9 +197,7 @@ def page(
         verdict=true_units(document["verdict"]["text"]),
         mood=MOODS[good],
         subtitle=subtitle,
-        badges=[
-            {"title": title, "text": text, "sign": SIGNS[good], "mood": MOODS[good]} for title, good, text in badges
-        ],
+        badges=[{"title": t, "text": text, "sign": SIGNS[good], "mood": MOODS[good]} for t, good, text in badges],
         sections=shown,
         settings=flat(documents.settings_of(document)),
         provenance=flat({name: one for name, one in document["provenance"].items() if name != "settings"}),

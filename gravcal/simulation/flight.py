@@ -267,9 +267,7 @@ def fly(
     count = steps.bound.size - 1
     closed = control is None
     rods, gas = (np.zeros((count, 3)), np.zeros((count, 3))) if closed else map(np.ascontiguousarray, control)
-    table = np.concatenate(
-        [around.position_i, around.field_i, around.target, around.target_rate_b], axis=1, dtype=float
-    )
+    table = np.concatenate([around.position_i, around.field_i, around.target, around.target_rate_b], 1, dtype=float)
     numbers = np.array([[body.frequency, body.damping, body.dipole_limit], [body.dipole_step, 0, 0], [0, 0, 0]])
     packed = np.stack([body.inertia_b, np.linalg.inv(body.inertia_b), numbers])
     wave = np.ascontiguousarray(steps.wave_dipole_b)

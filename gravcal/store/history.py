@@ -200,7 +200,7 @@ def level_one_folders(calibration):
         reports = [key for stage, key in products if stage.endswith(".report")]
         if not reports and last_run(event, calibration) is None:  # another calibration uses some of its stages
             continue
-        files = [one for key in reports or [key for _, key in products] for one in raw_files(key)]
+        files = [one for key in reports[:1] or [key for _, key in products] for one in raw_files(key)]
         files = [one for one in files if one["product"] not in AUXILIARY]
         if files:
             folder = Path(os.path.commonpath([Path(one["path"]).parent for one in files]))

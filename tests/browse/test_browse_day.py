@@ -62,9 +62,7 @@ def test_the_chain_is_that_of_the_last_run_and_results_say_how_they_differ(day, 
     Yesterday's beside last month's: values with digits of their error, in sigma, the setting by name.
     """
     nodes = store_index.chain(EVENT, flow="com_offset")
-    assert {node.stage for node in nodes} == {
-        f"com_offset.{one}" for one in ("align", "report", "solve.mtq", "solve.acc")
-    }
+    assert {node.stage for node in nodes} == {f"com_offset.{n}" for n in ("align", "report", "solve.mtq", "solve.acc")}
     assert {node.key for node in nodes} == {day["again"][name].key for name in ("align", "report", "mtq", "acc")}
     assert "com_offset.discovery_report" in {node.stage for node in store_index.chain(EVENT)}
     picture = ask(f"/event/{EVENT}?change=gain").text.split("<h2>Chain")[1].split("</svg>")[0]

@@ -26,10 +26,8 @@ run = partial(commands.run, "kbr_phase_centre")
 def campaign(tmp_path_factory):
     """Folder with the files of a simulated campaign, and its truth."""
     folder = tmp_path_factory.mktemp("campaign")
-    truth = kbr_phase_centre.CALIBRATION.simulate(
-        folder, seed=1, truth=folder / "truth.json", effects={}, settings=QUICK
-    )
-    return folder, truth
+    about = {"truth": folder / "truth.json", "effects": {}, "settings": QUICK}
+    return folder, kbr_phase_centre.CALIBRATION.simulate(folder, seed=1, **about)
 
 
 @pytest.fixture(autouse=True)

@@ -92,9 +92,8 @@ def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path):
     fixed, share = {"duration_s": 21600, "gain_scatter": 0, "delay_scatter_s": 0}, {FIRINGS: 1.5}
     seed = seeds.seed("thrusters of two days", 1e-4)
     for day, late in (("2014-01-11", {}), ("2014-01-12", {f"{LATE}.delay": 2.0})):
-        CALIBRATION.simulate(
-            tmp_path / day, seed=seed + len(late), effects=share | late, settings=fixed | {"date": day}
-        )
+        about = {"effects": share | late, "settings": fixed | {"date": day}}
+        CALIBRATION.simulate(tmp_path / day, seed=seed + len(late), **about)
     folders = [tmp_path / "2014-01-11", tmp_path / "2014-01-12"]
     ((document, files, _),) = discover.joint("thrusters", None, folders, CHOSEN, workers=0)
     again = {one["cause"]: one["repeats"]["said"] for one in document["causes"]}

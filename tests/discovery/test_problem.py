@@ -219,17 +219,13 @@ def test_a_step_that_every_block_has_is_one_name_though_none_shows_it():
     """Recovery: signal-to-noise 4 in each of eight blocks, as long after the start of each: one name in all of them."""
     rng, axis, time, blocks = np.random.default_rng(11), np.repeat([0, 1, 2], 80), np.tile(np.arange(80.0), 3), []
     for k in range(8):
-        steps = {
-            at + 100.0 * k: (axis[:, None] == np.arange(3)) * (time[:, None] > at) * 1.0 for at in range(20, 60, 4)
-        }
+        steps = {t + 100.0 * k: (axis[:, None] == np.arange(3)) * (time[:, None] > t) * 1.0 for t in range(20, 60, 4)}
         means = (axis[:, None] == np.arange(3)) * 1.0
         seen = rng.standard_normal(240) + 4 / np.sqrt(20) * steps[40 + 100.0 * k][:, 1]
         about = rng.standard_normal((240, 1)), means, np.array(["linear"] * 240), axis, time + 100.0 * k
         blocks.append(Block(f"block {k}", seen, *about, steps=steps))
     found = search(blocks, [], CHOICE, np.random.default_rng(1))
-    assert [(one.cause, one.form) for one in found.findings] == [
-        ("case.step", "every manoeuvre, in the first at time 40 s")
-    ]
+    assert [(o.cause, o.form) for o in found.findings] == [("case.step", "every manoeuvre, in the first at time 40 s")]
     assert found.findings[0].value[1] == pytest.approx(4 / np.sqrt(20), abs=4 * found.findings[0].sigma[1])
 
 

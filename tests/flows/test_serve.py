@@ -7,7 +7,6 @@ import re
 import signal
 import subprocess
 import sys
-import threading
 import time
 import urllib.parse
 from pathlib import Path
@@ -27,11 +26,7 @@ SCRIPT = Path(__file__).parent / "run_campaign.py"
 LIMIT_S = 240.0  # a first start of Prefect on a busy machine
 SETTLE_S = 60.0  # the server writes states of tasks down in batches, a second after they came
 DELIVERED = {"fake-1": "Delivered"}
-EVERYWHERE = """
-import os, sys
-sys.path.insert(0, os.environ["FAKE_CODE"])
-sys.path.insert(0, os.environ["FAKE_FLOWS"])
-"""
+EVERYWHERE = "import os, sys\nsys.path[:0] = [os.environ['FAKE_FLOWS'], os.environ['FAKE_CODE']]\n"
 #: What an event of the invented calibration tells a joint search: x in um, moved by a trim of 2020-02-06 in the fourth.
 TOLD = """
 from dataclasses import dataclass, field
@@ -106,14 +101,8 @@ def _prefect(monkeypatch, prefect_home):
 def begin(environment, events):
     """Start a gravcal that serves: its process and the address of its server."""
     options = ["fakecal", "--watch", str(events), "--every", "0.5", "--workers", "0", "--cron", "30 4 * * *"]
-    process = subprocess.Popen(
-        [sys.executable, str(SCRIPT), "serve", *options],
-        env=environment,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-        start_new_session=True,
-    )
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "start_new_session": True}
+    process = subprocess.Popen([sys.executable, str(SCRIPT), "serve", *options], env=environment, **pipes)
     address = process.stdout.readline().split()[1:]
     assert address, process.stderr.read()
     os.environ[server.AUTH] = (Path(environment["PREFECT_HOME"]) / "auth").read_text()
@@ -189,10 +178,8 @@ def new_data_and_the_clock_start_campaigns(served, events, store_folder):
     assert states(served, second, both) == both
     deployment = server.ask(served, "/deployments/name/reprocess-all/fakecal")
     assert [one["schedule"]["cron"] for one in deployment["schedules"] if one["active"]] == ["30 4 * * *"]
-    by_the_clock = {
-        "flow_runs": {"deployment_id": {"any_": [deployment["id"]]}, "state": {"type": {"any_": ["SCHEDULED"]}}}
-    }
-    planned = until(lambda: server.ask(served, "/flow_runs/filter", by_the_clock), SETTLE_S)
+    wanted = {"deployment_id": {"any_": [deployment["id"]]}, "state": {"type": {"any_": ["SCHEDULED"]}}}
+    planned = until(lambda: server.ask(served, "/flow_runs/filter", {"flow_runs": wanted}), SETTLE_S)
     assert {one["expected_start_time"][11:19] for one in planned if one["auto_scheduled"]} == {"04:30:00"}
     stale = store_folder / "objects" / "ab" / ("ab" + "0" * 62)
     stale.mkdir(parents=True)
@@ -370,7 +357,7 @@ def prefect_children(events):
 
 def test_a_folder_is_new_when_it_changed_and_came_to_rest(tmp_path):
     """Contract: not while a file grows; parts of downloads and other files do not count; an error is tried again."""
-    ended, calls, looks = threading.Event(), [], []
+    calls, looks = [], []
     file = tmp_path / "MAG1B_2020-02-01_C_04.txt"
 
     class Ticks:
@@ -388,7 +375,6 @@ def test_a_folder_is_new_when_it_changed_and_came_to_rest(tmp_path):
 
     serve.watch(tmp_path, 0.0, Ticks(), changed)
     assert calls == [5, 6]
-    assert not ended.is_set()
 
 
 @pytest.mark.usefixtures("_prefect")
@@ -441,10 +427,8 @@ def test_a_server_that_ends_before_it_answers_is_started_again(monkeypatch):
     with server.running(server.begin()) as url:
         assert server.ask(url, "/health") is True
     assert len(started) == 2
-    monkeypatch.setattr(
-        server.subprocess, "Popen", lambda _, **given: popen([healthy, "-c", "raise SystemExit(7)"], **given)
-    )
-    with pytest.raises(server.Unavailable, match="ended with code 7"), server.running(server.begin()):
+    monkeypatch.setattr(server.subprocess, "Popen", lambda _, **given: popen([healthy, "-c", ""], **given))
+    with pytest.raises(server.Unavailable, match="ended with code 0"), server.running(server.begin()):
         pass
 
 

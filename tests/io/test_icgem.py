@@ -45,6 +45,8 @@ def test_fortran_exponents_static_parts_and_plain_norms_are_read(tmp_path):
     assert normal.sine[2, 2] == -1.4e-6
     assert plain.cosine[2, 0] == pytest.approx(normal.cosine[2, 0], rel=1e-14)
     assert plain.cosine[2, 2] == pytest.approx(2.4e-6 / np.sqrt(5 / 12), rel=1e-14)
+    exact = HEAD.format(norm="fully_normalized").replace("formal", "no") + "gfct 2 0 -4.84e-4 0.0 20050101\n"
+    assert not icgem.read_field(write(tmp_path, exact)).cosine_sigma.any()
 
 
 @pytest.mark.parametrize(

@@ -7,6 +7,7 @@ from commands import tarred
 from numpy.testing import assert_array_equal
 
 from gravcal.errors import ProductError
+from gravcal.io.archive import content as content_of
 from gravcal.io.archive import find, inventory
 from gravcal.io.readers import read
 from gravcal.io.writers import file_name, write
@@ -51,6 +52,15 @@ def test_of_several_days_and_letters_that_which_is_meant_is_found(tmp_path, atti
     assert read(path).sizes["record"] == 2
 
 
+def test_of_members_of_one_name_the_last_counts(tmp_path):
+    """Contract: as for tar, which appends what is corrected."""
+    with tarfile.open(tmp_path / "x.tar", "w") as tar:
+        for content in ("old", "new"):
+            (tmp_path / content).write_text(content)
+            tar.add(tmp_path / content, "SCA1B_2023-06-01_C_04.txt")
+    assert content_of(find(tmp_path, "SCA1B", "C", "2023-06-01")) == b"new"
+
+
 @pytest.mark.parametrize(
     ("up", "kind", "words"),
     [
@@ -65,10 +75,10 @@ def test_members_that_leave_the_folder_and_links_are_refused(tmp_path, up, kind,
         inventory(tmp_path)
 
 
-@pytest.mark.parametrize("size", [10, 200])
-def test_damaged_archives_are_refused(member, attitude, size):
-    """Contract: a cut archive, one that is none, a cut .gz."""
-    member.write_bytes(member.read_bytes()[:size])
+@pytest.mark.parametrize(("size", "end"), [(10, b""), (200, b""), (-8, 8 * b"x")])
+def test_damaged_archives_are_refused(member, attitude, size, end):
+    """Contract: a cut archive, one that is none, one with another checksum, a cut .gz."""
+    member.write_bytes(member.read_bytes()[:size] + end)
     with pytest.raises(ProductError, match="damaged"):
         inventory(member.parent)
     path = write(attitude, member.parent / "SCA1B_2023-06-01_C_04.txt.gz")

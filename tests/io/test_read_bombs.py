@@ -69,9 +69,11 @@ def test_a_limit_that_is_none_is_refused(monkeypatch, given):
         archive.limit()
 
 
-@pytest.mark.parametrize(
-    ("name", "read"), [("IS1_2022-05-18_T_01.nc", daily.read), ("SGRS_2022-05-18_S_01.nc", daily.read_sgrs)]
-)
+SGRS = "SGRS_2022-05-18_S_01.nc"
+READERS = ("IS1_2022-05-18_T_01.nc", daily.read), (SGRS, daily.read_sgrs), (SGRS, daily.sensor_positions)
+
+
+@pytest.mark.parametrize(("name", "read"), READERS)
 def test_variables_that_declare_too_much_or_lie_elsewhere_are_refused(tmp_path, name, read):
     """Contract: 8 TB declared in a file of some kilobytes; a link to another file, and raw data in one."""
     with h5py.File(tmp_path / "other.h5", "w") as file:

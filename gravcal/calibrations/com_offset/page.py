@@ -154,9 +154,7 @@ def result(products, settings):
             "model": f"IGRF-{int(field.attrs['igrf_generation'])}",
         },
         "attitude": {"rms_urad": numbers(1e6 * rms), "samples": len(residual)},
-        "outliers": {
-            PRODUCTS[name]: int(np.sum(products["align"][f"{name}_flag"].values == OUTLIER)) for name in REACH
-        },
+        "outliers": {PRODUCTS[n]: int(np.sum(products["align"][f"{n}_flag"].values == OUTLIER)) for n in REACH},
         "roll_response": None if detected.sizes["manoeuvre"] else roll_response(products["survey"], settings),
     }
     if not detected.sizes["manoeuvre"] or combined is None:
@@ -282,9 +280,7 @@ def consistency(combined, name, level):
     names = combined.attrs["variants"].split()
     tests = {one: judged(combined["chi2"].values[i], combined["dof"].values[i]) for i, one in enumerate(names)}
     adopted_test = tests.get(name, judged(np.nan, 0))
-    others = {
-        one: judged(combined[f"{one}_chi2"].values, combined[f"{one}_dof"].values) for one in ("variants", "catalogue")
-    }
+    others = {n: judged(combined[f"{n}_chi2"].values, combined[f"{n}_dof"].values) for n in ("variants", "catalogue")}
     return {"level": level, "manoeuvres": adopted_test | {"variant": name, "by_variant": tests}} | others
 
 

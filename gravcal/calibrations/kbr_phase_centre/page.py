@@ -173,9 +173,7 @@ def _manoeuvre(combined, pointed, k):
         "offset_deg": number(np.degrees(pointed["offset"].values[k])),
         "amplitude_deg": number(np.degrees(pointed["amplitude"].values[k])),
         "component": "zy"[axis],
-        "estimates_mm": {
-            name: {"value": number(value[o]), "sigma": number(sigma[o])} for o, name in enumerate(OBSERVABLES)
-        },
+        "estimates_mm": {n: {"value": number(value[o]), "sigma": number(sigma[o])} for o, n in enumerate(OBSERVABLES)},
     }
 
 

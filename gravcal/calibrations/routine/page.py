@@ -124,9 +124,7 @@ def _instrument(part, layout, products):
     known = document(products["estimate"])
     outcome = outcome_of(products["discovery"]) if "discovery" in products else None
     findings, statistics = outcome.findings if outcome else (), _statistics(part, products)
-    named = [
-        {n: plain(one)[n] for n in ("cause", "form", "parameters", "tied_with", "significance")} for one in findings
-    ]
+    named = [{n: plain(f)[n] for n in ("cause", "form", "parameters", "tied_with", "significance")} for f in findings]
     verdict = ", ".join(discovery_words.title(one.cause) for one in findings) or "nothing is named"
     verdict = verdict if outcome else "not searched"
     summary = f"{part}: {verdict}" + (", and more is left than noise" if outcome and not outcome.adequate_after else "")
@@ -214,9 +212,7 @@ def _statistics(part, products):
         noise, rows = products["noise"], []
         for head, factor in zip(noise["head"].values, noise["factor"].values, strict=True):
             sigma = np.sqrt(np.diag(np.linalg.inv(factor.T @ factor)))
-            rows += [
-                (f"head {int(head)} {axis}", None, float(one), "rad") for axis, one in zip("xyz", sigma, strict=True)
-            ]
+            rows += [(f"head {int(head)} {axis}", None, float(v), "rad") for axis, v in zip("xyz", sigma, strict=True)]
     else:
         measured, fitted, unit = SERIES[part]
         series = [np.atleast_2d(products["estimate"][name].values.T) for name in (measured, fitted)]

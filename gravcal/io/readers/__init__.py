@@ -365,10 +365,10 @@ def _by_flag(body, table, where):
     return arrays
 
 
-def _starts(body, table, where):  # (first byte, prod_flag) (n,) of each binary record
+def _starts(body, table, where):  # (first byte, value of the column layout_key) (n,) of each binary record
     fixed = structure(table.columns)
-    offset = fixed.fields["prod_flag"][1]
-    width = fixed.fields["prod_flag"][0].itemsize
+    offset = fixed.fields[table.layout_key][1]
+    width = fixed.fields[table.layout_key][0].itemsize
     position, starts, flags, sizes = 0, [], [], {}
     while position < len(body):
         flag = int.from_bytes(body[position + offset : position + offset + width], "big")
@@ -483,7 +483,7 @@ def _key_value(table, token, row=0):  # whole number of a token of the column `l
     column = table.column(table.layout_key)
     if column.kind.startswith("b"):
         return bits_value(token, column, row)
-    if not token.isdigit():
+    if not re.fullmatch("[0-9]{1,3}", token):
         raise Malformed(row, column, token, "a whole number")
     return int(token)
 

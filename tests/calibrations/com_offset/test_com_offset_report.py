@@ -183,9 +183,8 @@ def test_the_page_says_the_numbers_of_the_document(html, document, products):
 def test_what_is_missing_is_left_out_and_printed_manoeuvres_are_matched_by_kind_and_latitude(products, document):
     """Contract: no figure without its product, the gap of a manoeuvre, names as text; Table 7 by kind and latitude."""
     smoothed = moved(products, "attitude", gap=[0, 1, 0])
-    html = page.html(
-        document_of(smoothed, "<b>x</b>"), dict.fromkeys(products) | {"attitude": smoothed["attitude"]}, {}
-    )
+    known = dict.fromkeys(products) | {"attitude": smoothed["attitude"]}
+    html = page.html(document_of(smoothed, "<b>x</b>"), known, {})
     assert html.count("<figure ") == 2  # estimates, from the document; attitude
     assert html.count("not used: gap in orbit") == 1
     assert "<b>x</b>" not in html

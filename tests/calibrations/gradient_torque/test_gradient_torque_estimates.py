@@ -189,9 +189,8 @@ def test_without_noise_the_methods_return_the_drag():
     assert error["two_sensor"] < 2e-14
     assert np.sqrt(np.mean((found["one_sensor"]["drag_b"].values - truth["drag"]) ** 2)) < 2e-12
     assert error["one_sensor_published"] > 1e-9
-    assert_allclose(
-        found["one_sensor_published"]["drag_b"], found["one_sensor_published"]["bare_b"], rtol=0, atol=1e-16
-    )
+    printed = found["one_sensor_published"]
+    assert_allclose(printed["drag_b"], printed["bare_b"], rtol=0, atol=1e-16)
 
 
 def test_unknown_places_are_in_the_total_error():
