@@ -55,13 +55,10 @@ class Campaign:
 
 def failed_last(campaign, sources):
     """Sources of the events whose last run in this configuration failed, and of those that are refused."""
-    name = campaign.one.flow.flow_name
+    name, refused = campaign.one.flow.flow_name, [one for one in sources if isinstance(one, command.Refused)]
+    failed = [one.event for one in refused if one.status == "failed"]
     with location.configured(campaign.chosen.configuration):
-        return [
-            one
-            for one in sources
-            if (isinstance(one, command.Refused) and one.status == "failed") or history.failure(one.event, name)
-        ]
+        return [one for one in sources if one.event in failed or history.failure(one.event, name)]
 
 
 def run(campaign, sources, listener=None):
@@ -248,10 +245,9 @@ def _make_all(campaign, sources, rows, listener):
 
             as_tasks(waiting, row_of)
             shown, left_out = table([rows[number] for number in waiting])
-            description = f"Events of the campaign that had something to make{left_out}"
-            create_table_artifact(
-                table=shown, key=f"{campaign.calibration.replace('_', '-')}-events", description=description
-            )
+            said = f"Events of the campaign that had something to make{left_out}"
+            key = f"{campaign.calibration.replace('_', '-')}-events"
+            create_table_artifact(table=shown, key=key, description=said)
 
         if campaign.engine == "flow":
             return as_tasks(waiting, row_of)

@@ -98,10 +98,7 @@ def day(text: str) -> str:
 FUNCTIONS = {one.__name__: one for one in (complete_events, complete_settings, complete_effects, writable, day, known)}
 
 app = typer.Typer(help=ARGUMENTS["help"], rich_markup_mode=None, pretty_exceptions_enable=False, no_args_is_help=True)
-products = typer.Typer(
-    help="What lies in the store: list (also without a word), show, verify, prune, pin, unpin.",
-    rich_markup_mode=None,
-)
+products = typer.Typer(help=ARGUMENTS["store"], rich_markup_mode=None)
 app.add_typer(products, name="products")
 
 
@@ -193,12 +190,11 @@ def discover(
     """Show what the simulation of an event gets wrong, name the cause, extend the model and measure the gain."""
     calibration = discoveries.ALIASES.get(calibration, calibration)
     if joint or days:
-        if event or date or limits or (days and (data or joint)):
-            raise typer.BadParameter("--joint takes --satellite, --data and --events; --days folders and --satellite")
-        folders = [Path(one) for one in days.split(",")] if days else data and [data]
-        if not days and satellite is None:
+        if event or date or limits or (days and (joint or not data)):
+            raise typer.BadParameter("--joint takes --satellite, --data and --events; --days --data and --satellite")
+        if joint and satellite is None:
             raise typer.BadParameter("--joint: expected --satellite, that of the events, or those of both")
-        _joint(calibration, satellite, folders, (settings, model, as_), events, str(engine), workers, out, json)
+        _joint(calibration, satellite, data and [data], (settings, model, as_), events, str(engine), workers, out, json)
         return
     study = discoveries.STUDIES.get(calibration)
     if study is None:
@@ -348,6 +344,7 @@ def reproduce(paper, out, place, data, simulated, json) -> None:
     """Process the days of a source paper as printed and as corrected, beside its tables and figures."""
     if paper not in reproductions.papers():
         raise typer.BadParameter(f"no paper {paper!r}; there is {', '.join(reproductions.papers())}")
+    out = out or Path(f"reproduction-{paper}")
     with output.bytes_progress() as listener:
         how = {"place": place, "data": data, "simulated": simulated, "listener": listener, "tell": output.note}
         document = reproductions.reproduce(paper, out, **how)

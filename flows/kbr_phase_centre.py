@@ -54,10 +54,8 @@ def _solved(source, chosen, aligned, observables=OBSERVABLES, moved=(), added=""
     pointed, equations = with_equations(source, chosen, aligned, observables)
     quiet = kbr_phase_centre.noise(equations[0], **chosen.for_stage("noise"))
     settings = chosen.for_stage("solve") | nominal_of(source)
-    solved = [
-        kbr_phase_centre.solve(one, quiet, variant=name, **settings)
-        for name, one in zip(observables, equations, strict=True)
-    ]
+    pairs = zip(observables, equations, strict=True)
+    solved = [kbr_phase_centre.solve(one, quiet, variant=name, **settings) for name, one in pairs]
     if observables != OBSERVABLES:
         return pointed, equations, quiet, solved, None
     combined = kbr_phase_centre.combine(*solved, **chosen.for_stage("combine"))

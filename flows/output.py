@@ -225,11 +225,8 @@ def design(document, out, json_path):
     heads = ["count", "kind", *(name for name in document["manoeuvres"][0] if name not in ("count", "kind"))]
     table(heads, [[cell(one[name]) for name in heads] for one in document["manoeuvres"]])
     new, old, achieved = document["design"], document["published"], document.get("verified")
-    heads = [
-        "sigma, noise alone",
-        f"design, {document['minutes']:.3g} min",
-        f"published, {document['published_minutes']:.3g} min",
-    ]
+    minutes = {"design": document["minutes"], "published": document["published_minutes"]}
+    heads = ["sigma, noise alone", *(f"{whose}, {time:.3g} min" for whose, time in minutes.items())]
     digits = lambda one: "not determined" if one is None else f"{one:.3g}"  # noqa: E731
     rows = [[f"{name} ({new['unit'][name]})", *(digits(d["sigma"][name]) for d in (new, old))] for name in new["sigma"]]
     if achieved:

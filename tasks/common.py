@@ -102,7 +102,7 @@ def days_of(one, data) -> list[tuple[Path, str, str | None]]:
             folders.setdefault((file.satellite, file.date), set()).add(file.path.parent)
     places = set()
     for (letter, date), own in folders.items():
-        elsewhere = len(own) > 1 or there[next(iter(own)), date] != there[None, date]
+        elsewhere = len(own) == 1 and there[next(iter(own)), date] != there[None, date]
         places |= {(date, str(data if elsewhere else folder), letter) for folder in own}
     for date, folder, letter in sorted(places):
         days.setdefault((Path(folder), one.pairs.get(letter, letter)), set()).add(date)

@@ -37,6 +37,8 @@ def ingested(product, columns):
     fraction = 1e-6 * np.asarray(columns[FRACTIONS[product]]) if product in FRACTIONS else np.zeros(whole.size)
     values = dict(columns) | {"time_second": whole, "time_fraction": fraction, "time_tag": whole + fraction}
     values |= {"flag": np.zeros(whole.size, np.uint8), "qualflg": np.zeros(whole.size, np.uint8)}
+    if product == "TIM1B":
+        values |= {"receiver_second": columns["rcvtime_intg"], "receiver_fraction": 1e-9 * columns["rcvtime_frac"]}
     data = {name: ("record", value) for name, value in values.items()}
     if product == "MAG1B":
         current = np.stack([columns[f"torque{i}A"] + columns[f"torque{i}B"] for i in (1, 2, 3)], axis=1)

@@ -18,7 +18,7 @@ from gravcal.physics.sensing import offset_tensor
 
 DOCUMENTED = (
     *(f"gravcal.calibrations.{one}.estimate" for one in ("com_offset", "kbr_phase_centre", "inertial_sensor")),
-    "gravcal.calibrations.gradient_torque.model",
+    *("gravcal.calibrations.magnetometer.estimate", "gravcal.calibrations.gradient_torque.model"),
 )
 
 
@@ -32,7 +32,7 @@ def test_examples_of_the_docstrings_hold(name):
 
 def test_the_package_leads_to_its_interface():
     """Contract: `help(gravcal)` names it, completion shows it, what is not there is an AttributeError."""
-    for name in ("open", "com_offset", "physics", "effects", "catalog"):
+    for name in ("open", "com_offset", "magnetometer", "physics", "effects", "catalog"):
         assert name in gravcal.__doc__
         assert name in dir(gravcal)
     assert gravcal.com_offset is com_offset

@@ -119,10 +119,8 @@ def _variable(file, name):
     axis = times[0] if times else int(np.argmax(shape)) if dims else None  # of time, else the longest
     columns = ()
     if axis is not None and getattr(node.dtype, "kind", "O") in "iuf":
-        across = [
-            _labels(file, *one)
-            for one in zip(dims[:axis] + dims[axis + 1 :], shape[:axis] + shape[axis + 1 :], strict=True)
-        ]
+        others = (values[:axis] + values[axis + 1 :] for values in (dims, shape))
+        across = [_labels(file, *one) for one in zip(*others, strict=True)]
         columns = tuple(" ".join(part) for part in itertools.islice(itertools.product(*across), SHOWN))
     attributes = {key: _plain(value) for key, value in product.attributes(node).items() if not key.startswith("_")}
     return Variable(name, dims, shape, _type(node.dtype), attributes, axis, columns)

@@ -72,7 +72,7 @@ class Finding:
     dof: int  #: of that
     significance: float  #: probability corrected for everything that was tried
     heldout: float  #: twice the log likelihood gained on data left out
-    kind: str  #: "manoeuvres" or "blocks"
+    kind: str  #: "manoeuvres" or "blocks", "prior" where only a prior tells
     at: float = np.nan  #: epoch s or frequency Hz of a step or a line
     at_sigma: float = np.nan
     separation: Sequence[Separation] = ()  #: from each tied cause

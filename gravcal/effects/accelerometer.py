@@ -16,7 +16,7 @@ _SOURCE = "CoM paper eqs. 2, 5; equations.md (M1)"
 _FROM_PROOF_MASS = axes("", "m", "proof mass to centre of mass along", 2e-4)
 # CoM paper eq. 5: reading T p with p = -(proof mass to centre of mass).
 law("accelerometer.offset", "linear_b", _FROM_PROOF_MASS, _SOURCE)(
-    lambda context, values: -offset_tensor(context.rate_b, context.rate_dot_b, context.gradient_b) @ np.asarray(values)
+    lambda c, v: -offset_tensor(c.rate_b, c.rate_dot_b, c.gradient_b) @ np.asarray(v)
 )
 _SPEED = axes("speed", "m s-1", "drift of proof mass to centre of mass along", 1e-7)
 
@@ -36,7 +36,7 @@ law("accelerometer.scale", "linear_b", _SCALE, "reading")(base.scaled("linear_b"
 _ANGLE = axes("angle", "rad", "sensor frame turned about", 1e-3)
 law("accelerometer.misalignment", "linear_b", _ANGLE, "reading")(base.misaligned("linear_b"))
 law("accelerometer.quadratic", "linear_b", axes("", "s2 m-1", "quadratic response of", 10.0), "reading")(
-    lambda context, values: context.linear_b**2 * values
+    lambda c, v: c.linear_b**2 * v
 )
 _LEAK = pairs("m s-2 A-1 m-2", "reading of {0[0]} per dipole along {0[7]}", 3e-11)
 law("accelerometer.current_leak", "linear_b", _LEAK, _COUPLING)(base.coupled("dipole_b"))
@@ -44,7 +44,7 @@ _LEAK = pairs("m", "reading of {0[0]} per angular acceleration about {0[7]}", 1e
 law("accelerometer.angular_leak", "linear_b", _LEAK, "electrode cross-talk")(base.coupled("angular_b"))
 _STEP = (*axes("", "m s-2", "step of the reading of", 1e-9), Parameter("time", "s", "GPS time of the step", 1.0))
 law("accelerometer.bias_step", "linear_b", _STEP, "reading", linear=False)(
-    lambda context, values: np.where((context.time >= values[3])[:, None], np.asarray(values[:3]), 0.0)
+    lambda c, v: np.where((c.time >= v[3])[:, None], np.asarray(v[:3]), 0.0)
 )
 law("accelerometer.bias_drift", "linear_b", axes("", "m s-3", "drift of the reading of", 1e-12), "reading")(
     base.drifting
@@ -55,9 +55,7 @@ _TONE = (
     Parameter("phase", "rad", "phase at the reference epoch", 1.0),
 )
 law("accelerometer.stray_tone", "linear_b", _TONE, "disturbance of the platform", linear=False)(
-    lambda context, values: (
-        np.sin(2 * np.pi * values[0] * (context.time - context.epoch) + values[4])[:, None] * np.asarray(values[1:4])
-    )
+    lambda c, v: np.sin(2 * np.pi * v[0] * (c.time - c.epoch) + v[4])[:, None] * np.asarray(v[1:4])
 )
 _SCALE = axes("", "1", "relative excess of the angular scale about", 0.05, lower=REVERSED)
 law("accelerometer.angular_scale", "angular_b", _SCALE, "CoM paper eq. 31")(base.scaled("angular_b"))
@@ -68,7 +66,7 @@ law("accelerometer.angular_current_leak", "angular_b", _LEAK, _COUPLING)(base.co
 _SHARE = each(("xy", "xz", "yz"), "1", "share of {0[0]} read by {0[1]} and of {0[1]} by {0[0]}", 1e-2)
 # Symmetric part of the cross-talk, an equal share between two axes; the antisymmetric part is a misalignment.
 law("accelerometer.cross_talk", "linear_b", _SHARE, "electrode cross-talk")(
-    lambda context, values: context.linear_b @ base.symmetric(*values)
+    lambda c, v: c.linear_b @ base.symmetric(*v)
 )
 _WARMING = axes("", "m s-2", "change from long night to long day of", 1e-9)
 law("accelerometer.temperature", "linear_b", _WARMING, "reading against sunlight with a lag of 600 s")(base.warming)
@@ -79,7 +77,7 @@ _MODE = (
 )
 # Flexible mode driven by angular acceleration a: x'' + 2 z w x' + w^2 x = w^2 a, reading c x.
 law("accelerometer.flexible_mode", "linear_b", _MODE, "elastic mounting", linear=False)(
-    lambda context, values: deflection(context.time, context.angular_b, *values[:2]) @ np.reshape(values[2:], (3, 3)).T
+    lambda c, v: deflection(c.time, c.angular_b, *v[:2]) @ np.reshape(v[2:], (3, 3)).T
 )
 
 

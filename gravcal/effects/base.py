@@ -1,4 +1,7 @@
-"""Effects: parameters with units and one additive contribution to one channel of the forward model."""
+"""Effects: parameters with units and one additive contribution to one channel of the forward model.
+
+Laws are functions of c, the `Context`, and v, the values of the parameters in their order.
+"""
 
 import tomllib
 from collections.abc import Callable, Mapping
@@ -128,17 +131,17 @@ def symmetric(xy: float, xz: float, yz: float) -> np.ndarray:
 
 def scaled(name: str) -> Callable:
     """Contribution of scale errors: each component of a vector times its relative excess, values (3,)."""
-    return lambda context, values: getattr(context, name) * values
+    return lambda c, v: getattr(c, name) * v
 
 
 def misaligned(name: str) -> Callable:
     """Contribution da = a x v to a vector a that is read in a frame turned by a small rotation v, values (3,) rad."""
-    return lambda context, values: np.cross(getattr(context, name), values)
+    return lambda c, v: np.cross(getattr(c, name), v)
 
 
 def coupled(name: str) -> Callable:
     """Contribution of couplings: matrix (3, 3), values (9,) row by row, times a vector."""
-    return lambda context, values: getattr(context, name) @ np.asarray(values).reshape(3, 3).T
+    return lambda c, v: getattr(c, name) @ np.asarray(v).reshape(3, 3).T
 
 
 def constant(context: Context, values) -> np.ndarray:

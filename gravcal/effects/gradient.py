@@ -21,21 +21,18 @@ law = EFFECTS.law
 
 _PLACE = axes("", "m", "distance of both test masses from their place along", 1e-3)
 # Both sensors displaced by the same vector, which eq. 10 takes to be zero.
-law("gradient.mounting", "linear_each_b", _PLACE, SOURCE)(
-    lambda context, values: _each(context, np.matvec(tensor(context), values))
-)
+law("gradient.mounting", "linear_each_b", _PLACE, SOURCE)(lambda c, v: _each(c, np.matvec(tensor(c), v)))
 _APART = axes("", "m", "distance from the second test mass to the first beyond what is stated, along", 1e-3)
 # Two sensors that are further apart than stated, half of it in each.
 law("gradient.separation", "linear_each_b", _APART, SOURCE)(
-    lambda context, values: (
-        np.array([[0.5], [-0.5]] if len(context.extra["positions"]) == 2 else [[0.0]])
-        * np.matvec(tensor(context), values)[:, None]
+    lambda c, v: (
+        np.array([[0.5], [-0.5]] if len(c.extra["positions"]) == 2 else [[0.0]]) * np.matvec(tensor(c), v)[:, None]
     )
 )
 _SHARE = (Parameter("scale", "1", "relative excess of the gravity gradient", 1e-3),)
 # Gravity gradient larger than modelled, at the position of each sensor.
 law("gradient.field_scale", "linear_each_b", _SHARE, SOURCE)(
-    lambda context, values: -values[0] * np.matvec(context.gradient_b[:, None], context.extra["positions"])
+    lambda c, v: -v[0] * np.matvec(c.gradient_b[:, None], c.extra["positions"])
 )
 _WAVE = (
     Parameter("cosine", "1", "excess of C_nm, of degree and order 2 if no others are named,", 1e-8),
@@ -43,9 +40,7 @@ _WAVE = (
 )
 # Gradient of tesseral coefficients that the model lacks, at the position of each sensor.
 law("gradient.tesseral", "linear_each_b", _WAVE, SOURCE)(
-    lambda context, values: (
-        -np.matvec(np.tensordot(values, context.extra["tesseral_b"], (0, 1))[:, None], context.extra["positions"])
-    )
+    lambda c, v: -np.matvec(np.tensordot(v, c.extra["tesseral_b"], (0, 1))[:, None], c.extra["positions"])
 )
 
 
@@ -58,9 +53,7 @@ def tesseral(position_e: np.ndarray, R_be: np.ndarray, degree: int = 2, order: i
 
 
 _BIAS = axes("", "rad s-2", "constant angular reading about", 1e-9)
-law("gradient.angular_bias", "angular_each_b", _BIAS, SOURCE)(
-    lambda context, values: _each(context, np.broadcast_to(values, context.rate_b.shape))
-)
+law("gradient.angular_bias", "angular_each_b", _BIAS, SOURCE)(lambda c, v: _each(c, np.broadcast_to(v, c.rate_b.shape)))
 
 
 def _each(context, reading):

@@ -48,9 +48,7 @@ _PAPER = "Remote Sens. 2023, 15, 3817"
 _SQUARE = axes("", "V-1", "relative quadratic response of the electrodes along", 2e-4)
 # Recorded V + q V^2 of every electrode, so that combinations hold products of voltages; Taiji eq. 4.
 law("inertial_sensor.quadratic", "electrode_v", _SQUARE, f"{_PAPER}, eq. 4, second term")(
-    lambda context, values: (
-        np.asarray(values)[[int(np.argmax(READOUT[:3, k])) for k in range(6)]] * context.extra["volts"] ** 2
-    )
+    lambda c, v: np.asarray(v)[[int(np.argmax(READOUT[:3, k])) for k in range(6)]] * c.extra["volts"] ** 2
 )
 _OFF = (np.array([0, 0, 1, 1, 2, 2]), np.array([1, 2, 0, 2, 0, 1]))
 _SHARES = [f"{'xyz'[i]}_from_{'xyz'[j]}" for i, j in zip(*_OFF, strict=True)]
@@ -68,12 +66,12 @@ def _coupling(context: Context, values):
 _PULL = axes("", "s-2", "pull per metre off the middle of the cage along", 1e-5)
 # A test mass held off its place is pulled on; the suspension reads the opposite.
 law("inertial_sensor.stiffness", "linear_b", _PULL, "electrostatic spring of the electrodes, of negative sign")(
-    lambda context, values: -np.asarray(values) * context.extra["displacement_b"]
+    lambda c, v: -np.asarray(v) * c.extra["displacement_b"]
 )
 _DELAY = Parameter("delay", "s", "angular readings follow the motion by", 0.02)
 # Voltages answer to the motion of before: to first order minus the delay times the change.
 law("inertial_sensor.loop_delay", "angular_b", (_DELAY,), "suspension loop")(
-    lambda context, values: -values[0] * np.gradient(context.angular_b, context.time, axis=0)
+    lambda c, v: -v[0] * np.gradient(c.angular_b, c.time, axis=0)
 )
 _DRIFT = axes("", "m s-3", "drift of the reading of", 1e-13)
 law("inertial_sensor.bias_drift", "linear_b", _DRIFT, f"{_PAPER}, Sec. 4.4, trends of the segments")(drifting)

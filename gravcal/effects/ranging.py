@@ -31,7 +31,7 @@ _RIPPLES = each(_PLACES, "m", "sine of the reading's ripple with {0}", 5e-6)
 _RIPPLES += each([f"cosine_{place}" for place in _PLACES], "m", "cosine, less one, of that ripple: {0}", 5e-6)
 _PERIOD = Parameter("period", "rad", "angle from crest to crest of the ripple", 0.01 * RIPPLE, RIPPLE, 1e-4)
 law("multipath", (*_RIPPLES, _PERIOD), _HORN, linear=False)(
-    lambda context, values: ripples(context.extra["angle"], values[8]) @ np.asarray(values[:8])
+    lambda c, v: ripples(c.extra["angle"], v[8]) @ np.asarray(v[:8])
 )
 
 
@@ -43,19 +43,17 @@ def ripples(angle: np.ndarray, period: float) -> np.ndarray:
 
 _SIZE = Parameter("size", "m", "reading is longer after the break by", 0.01), Parameter("time", "s", "GPS time", 1.0)
 law("phase_break", _SIZE, "lost cycles of the carrier; KBR1B quality bit 0", linear=False)(
-    lambda context, values: np.where(context.time >= values[1], values[0], 0.0)
+    lambda c, v: np.where(c.time >= v[1], v[0], 0.0)
 )
 law("delay", each(("delay",), "s", "ranging tags are late by", 1e-4), "receiver clock against GPS time")(
-    lambda context, values: -context.extra["range_rate"] * values[0]
+    lambda c, v: -c.extra["range_rate"] * v[0]
 )
 _EXCESS = each(("excess",), "1", "relative excess of the reading", 1e-8)
-law("scale", _EXCESS, "oscillator frequency; LRI1B gives 6.5e-8 for the laser")(
-    lambda context, values: context.extra["range"] * values[0]
-)
+law("scale", _EXCESS, "oscillator frequency; LRI1B gives 6.5e-8 for the laser")(lambda c, v: c.extra["range"] * v[0])
 _LEFT_OUT = each(("share",), "1", "share of the antenna correction that is left out", 1.0)
 # The reading less the antenna correction, which is added to it: rho_KBR = rho_COM - correction.
 law("antenna_correction", _LEFT_OUT, f"{_PAPER}, eqs. 10-11 (erratum K-1)")(
-    lambda context, values: -context.extra["antenna_correction"] * values[0]
+    lambda c, v: -c.extra["antenna_correction"] * v[0]
 )
 _PAIRS = zip(BANDS_HZ, BANDS_HZ[1:], strict=False)
 _BANDS = [f"share_{1e3 * low:g}_{1e3 * high:g}_mhz" for low, high in _PAIRS]
@@ -63,7 +61,7 @@ _BANDS = each(_BANDS, "1", "noise in the antenna correction, as a share of it, {
 _NOISY = "Inacio et al., Earth Planets Space 67 (2015); Goswami et al., Adv. Space Res. 62 (2018)"
 # What no motion is of the correction that is added; extra["correction_band"] (n, b) m, its parts by band.
 EFFECTS.law("attitude.star_camera_noise", "range", _BANDS, _NOISY)(
-    lambda context, values: context.extra["correction_band"] @ np.asarray(values)
+    lambda c, v: c.extra["correction_band"] @ np.asarray(v)
 )
 _FURTHER = each(_CENTRES, "m", "phase centre of {0[2]} further along {0[0]} by", 1e-3)
 
@@ -77,13 +75,13 @@ def _centre(context: Context, values):
 _SPEED = each(_CENTRES, "m s-1", "phase centre of {0[2]} moves along {0[0]} at", 1e-8)
 # Phase centres that move along; at `context.epoch` they are where the calibration says.
 law("phase_centre_drift", _SPEED, "a millimetre a day; assumed, no source prints one")(
-    lambda context, values: (context.time - context.epoch) * _centre(context, values)
+    lambda c, v: (c.time - c.epoch) * _centre(c, v)
 )
 _SQUARE = each(_PLACES, "m rad-2", "excess of the reading over the square of {0}", 5e-4)
 _PLANES = "phase centre that differs by twice this between the planes; assumed, no source prints one"
 # Phase front that is no sphere about the phase centre, in the direction cosines that y and z are the first order of.
 law("phase_centre_curvature", _SQUARE, _PLANES)(
-    lambda context, values: context.extra["line_of_sight_b"][:, :, [2, 1]].reshape(-1, 4) ** 2 @ np.asarray(values)
+    lambda c, v: c.extra["line_of_sight_b"][:, :, [2, 1]].reshape(-1, 4) ** 2 @ np.asarray(v)
 )
 _TURN = each(_PLACES, "rad", "error of the attitude, {0},", 3e-4)
 
@@ -114,4 +112,4 @@ _ORBIT = each(("cosine", "sine"), "m", "orbit error with the {0} of twice the ar
 _REDUCED = f"reduced-dynamic orbits, 2 cycles per revolution; {_PAPER}, Sec. 4.1"
 law("slow_orbit_error", _ORBIT, _REDUCED)(_orbit(2))
 _SWING = each(("swing",), "m", "reading is longer in full sunlight by", 1e-5)
-law("thermal", _SWING, "warming of horn and wave guide")(lambda context, values: context.extra["warmth"] * values[0])
+law("thermal", _SWING, "warming of horn and wave guide")(lambda c, v: c.extra["warmth"] * v[0])

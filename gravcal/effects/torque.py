@@ -16,7 +16,7 @@ _GAIN = axes("rod", "1", "relative excess of the dipole of rod", 0.05, lower=REV
 law("torque.dipole_gain", "dipole_b", _GAIN, _DIPOLE)(scaled("dipole_b"))
 # All rods turned by the small rotation v: dm = v x m.
 law("torque.dipole_misalignment", "dipole_b", axes("angle", "rad", "rods turned about", 2e-3), _RODS)(
-    lambda context, values: np.cross(values, context.dipole_b)
+    lambda c, v: np.cross(v, c.dipole_b)
 )
 _TAU = Parameter("tau", "s", "time constant of the rods", 0.1, lower=0.0)
 
@@ -68,7 +68,7 @@ def lag_swing(edges: np.ndarray, dipole_b: np.ndarray, shift: float, time: np.nd
 _LIMIT = Parameter("limit", "A m2", "largest dipole of a rod", 1.0, neutral=np.inf, lower=0.0)
 # The dipole of a rod does not exceed the limit; the neutral limit is infinite.
 law("torque.saturation", "dipole_b", (_LIMIT,), "core saturation", linear=False)(
-    lambda context, values: np.clip(context.dipole_b, -values[0], values[0]) - context.dipole_b
+    lambda c, v: np.clip(c.dipole_b, -v[0], v[0]) - c.dipole_b
 )
 _RESIDUAL = axes("", "A m2", "constant dipole of the satellite along", 0.5)
 law("torque.residual_dipole", "dipole_b", _RESIDUAL, _DIPOLE)(constant)
@@ -76,38 +76,34 @@ law("torque.constant", "torque_b", axes("", "N m", "constant torque about", 1e-6
 _ARM = axes("arm", "m", "centre of mass to centre of pressure along", 0.02)
 # Lever arm of the centre of pressure times the non-gravitational force: t = m r x a.
 law("torque.aerodynamic", "torque_b", _ARM, "S-GRS paper eq. 11")(
-    lambda context, values: context.extra["mass"] * np.cross(values, context.extra["non_gravitational_b"])
+    lambda c, v: c.extra["mass"] * np.cross(v, c.extra["non_gravitational_b"])
 )
 _MOMENT = axes("", "1", "relative excess of the principal moment about", 0.05, lower=-1.0)
 # Moments larger than known by a share e answer the torquers less: t = -e/(1 + e) m x B about each axis.
 law("torque.inertia", "torque_b", _MOMENT, f"{_EULER}; no inertia is published", linear=False)(
-    lambda context, values: -np.asarray(values) / (1 + np.asarray(values)) * np.cross(context.dipole_b, context.field_b)
+    lambda c, v: -np.asarray(v) / (1 + np.asarray(v)) * np.cross(c.dipole_b, c.field_b)
 )
 _PRODUCTS = each(("xy", "xz", "yz"), "kg m2", "product of inertia J_{0}", 5.0)
 # Products of inertia that the model has not: t = -P J^-1 (m x B).
 law("torque.inertia_products", "torque_b", _PRODUCTS, _EULER)(
-    lambda context, values: (
-        -(symmetric(*values) @ np.linalg.solve(context.inertia_b, np.cross(context.dipole_b, context.field_b).T)).T
-    )
+    lambda c, v: -(symmetric(*v) @ np.linalg.solve(c.inertia_b, np.cross(c.dipole_b, c.field_b).T)).T
 )
 _EXCESS = axes("", "1", "relative excess of the gravity-gradient torque about", 0.05, lower=-1.0)
 # Excess of the gravity-gradient torque, vex(J G - G J).
 law("torque.gravity_gradient", "torque_b", _EXCESS, "S-GRS paper eq. 1; equations.md (M2)")(
-    lambda context, values: np.asarray(values) * gravity_gradient_torque(context.inertia_b, context.gradient_b)
+    lambda c, v: np.asarray(v) * gravity_gradient_torque(c.inertia_b, c.gradient_b)
 )
 _ARM = axes("arm", "m", "centre of mass to centre of radiation pressure along", 0.05)
 # Lever arm of the centre of radiation pressure times its force: t = m r x a.
 law("torque.radiation", "torque_b", _ARM, "S-GRS paper eq. 11, with the force of sunlight")(
-    lambda context, values: context.extra["mass"] * np.cross(values, context.extra["radiation_b"])
+    lambda c, v: c.extra["mass"] * np.cross(v, c.extra["radiation_b"])
 )
 _DAMPING = Parameter("coefficient", "N m s T-2", "damping", 500.0)
 # Induced currents damp rotation across the field: t = -c B x (w x B).
 law("torque.eddy_current", "torque_b", (_DAMPING,), "induction in the structure")(
-    lambda context, values: -values[0] * np.cross(context.field_b, np.cross(context.rate_b, context.field_b))
+    lambda c, v: -v[0] * np.cross(c.field_b, np.cross(c.rate_b, c.field_b))
 )
 _IMPULSE = axes("share", "1", "impulse of the attitude thrusters, in units of the nominal one, about", 1.0)
 _THRUSTERS = "lever arm x force x time on of THR1B; thruster table of the JPL reader, release of 2010-03-31"
 # Angular impulse of each firing, as a share of the nominal one; the epochs of the context are the firings.
-law("torque.thruster_firings", "impulse_b", _IMPULSE, _THRUSTERS)(
-    lambda context, values: context.extra["nominal_impulse_b"] * values
-)
+law("torque.thruster_firings", "impulse_b", _IMPULSE, _THRUSTERS)(lambda c, v: c.extra["nominal_impulse_b"] * v)

@@ -1,4 +1,4 @@
-"""Daily netCDF files in layouts of our own (formats.md, section 6), for missions without public data.
+"""Daily netCDF files in layouts of our own (`daily.toml`), for missions without public data.
 
 IS1, ATT and ORB are voltages, attitude and orbit of an inertial sensor. SGRS holds readings of one or two test masses
 with attitude and orbit; its file of truth holds these without noise, and the drag. Times are GPS seconds
@@ -24,17 +24,14 @@ MARGIN = 120.0  # s by which a file may begin before its day
 WIDTHS = {"axis": 3, "element": 4}
 SENSORS = (1, 2)
 BEYOND = {"position": 1e9, "velocity": 1e5}  # m, m s-1: larger values in SGRS become NaN, as no orbit of the Earth
-REPAIR = "Write the file by formats.md, section 6."
+REPAIR = "Write the file as gravcal simulate does (gravcal/io/daily.toml)."
 NAME = re.compile(
     r"(?P<product>IS1|ATT|ORB|SGRS)_(?P<date>\d{4}-\d{2}-\d{2})_(?P<satellite>[ST])_(?P<release>\d{2})\.nc"
 )
 VOLTAGES = ("V_x1", "V_x2", "V_x3", "V_y", "V_z1", "V_z2")
 TABLES = tomllib.loads(Path(__file__).with_name("daily.toml").read_text(encoding="utf-8"))
 #: Layout of each product: dimensions, unit, meaning of its variables; that of "DRAG" is added to a file of truth.
-LAYOUTS = {
-    name: {part: (tuple(dims.split()), *rest) for part, (dims, *rest) in table.items()}
-    for name, table in TABLES.items()
-}
+LAYOUTS = {n: {part: (tuple(dims.split()), *rest) for part, (dims, *rest) in t.items()} for n, t in TABLES.items()}
 INERTIAL = ("IS1", "ATT", "ORB")
 
 

@@ -22,11 +22,8 @@ COLOURS = {
     "purple": "#CC79A7",
     "grey": "#8A8A8A",
 }
-AXIS = {
-    "x": {"color": COLOURS["blue"]},
-    "y": {"color": COLOURS["orange"]},
-    "z": {"color": COLOURS["green"], "linestyle": "--"},
-}
+AXIS = {axis: {"color": COLOURS[name]} for axis, name in zip("xyz", ("blue", "orange", "green"), strict=True)}
+AXIS["z"]["linestyle"] = "--"
 #: Mark, colour and label by what a value is; no line joins ours.
 MARKS = {
     "printed": ("o", COLOURS["blue"], "printed"),

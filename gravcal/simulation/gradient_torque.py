@@ -16,10 +16,8 @@ from gravcal.physics.constants import EARTH_RADIUS
 from gravcal.simulation import added, flight, within
 
 AHEAD = 4000  # s, filters run in before the record starts
-KNOWN = (
-    *(e.slug for e in EFFECTS),
-    *("torque.aerodynamic", "torque.residual_dipole", "attitude.star_camera_misalignment"),
-)
+KNOWN = (*(e.slug for e in EFFECTS), "torque.aerodynamic", "torque.residual_dipole")
+KNOWN += ("attitude.star_camera_misalignment",)
 BEYOND = np.linalg.solve(np.vander(np.arange(6.0)).T, np.vander(np.arange(6.0, 9.0), 6).T).T  # (3, 6) extrapolation
 PASSES = 5  # torque and motion in turn; gravity gradient and coupling are a tenth of the control: 1e-5 of the torque
 

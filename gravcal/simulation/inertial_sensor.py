@@ -21,7 +21,7 @@ from gravcal.physics import dynamics, frames, gravity, sensing
 from gravcal.physics.constants import DAY, EARTH_RADIUS, GM
 from gravcal.simulation import added, flight, within
 
-STEP_SENSOR, STEP_TRACKER, STEP_ORBIT = 0.1, 0.25, 1.0  # s, formats.md section 6
+STEP_SENSOR, STEP_TRACKER, STEP_ORBIT = 0.1, 0.25, 1.0  # s, of the layouts in gravcal/io/daily.toml
 FINE = 0.05  # s, every epoch of sensor and tracker is a multiple
 KNOT = 500.0  # s, spacing of the changes of roll rate and bias
 MEMORY = 21600.0  # s, correlation time of the wander of the bias

@@ -11,7 +11,8 @@ from scipy import stats
 from flows.calibration import load
 from gravcal import catalog
 from gravcal.calibrations import named_parameters
-from gravcal.calibrations.magnetometer import estimate, model
+from gravcal.calibrations.magnetometer import model
+from gravcal.calibrations.magnetometer.estimate import estimate
 from gravcal.errors import ProductError
 from gravcal.io import archive, cdf, readers
 from gravcal.physics import earth, magnetic, orbit_environment
@@ -37,7 +38,7 @@ def study(tmp_path_factory):
     seed, errors, agreement = seeds.seed("magnetometer", 4e-4), [], []
     for k in range(COUNT):
         records, truth = aligned(tmp_path_factory.mktemp("magnetometer"), seed + k)
-        found = estimate.estimate(records, **CHOSEN.for_stage("estimate"))
+        found = estimate(records, **CHOSEN.for_stage("estimate"))
         true = np.array([truth[str(name)] for name in found["parameter"].values])
         errors.append((found["value"].values - true) / found["sigma"].values)
         agreement.append((float(found["agreement_chi2"]), int(found["agreement_dof"])))
@@ -59,14 +60,14 @@ def test_errors_scatter_as_their_sigma_says(study):
 def test_minutes_leave_open_what_they_do_not_determine(tmp_path):
     """Contract: five minutes: the leak is determined, bias and scale are null; held groups leave a bias."""
     records, truth = aligned(tmp_path, 3, 300)
-    found = estimate.estimate(records, **CHOSEN.for_stage("estimate") | {"determined_ratio": 0.5})
+    found = estimate(records, **CHOSEN.for_stage("estimate") | {"determined_ratio": 0.5})
     names, known = found["parameter"].values, np.isfinite(found["value"].values)
     assert not known[names == "external_field"]
     assert known[names == "leak_y_from_x"]
     assert (np.isnan(found["covariance"].values) == ~np.outer(known, known)).all()
     held = ("scale", "misalignment", "nonorthogonality", "external_field", "delay", "leak")
     settings = CHOSEN.for_stage("estimate") | {"held": held}
-    assert list(estimate.estimate(records, **settings)["parameter"].values) == ["bias_x", "bias_y", "bias_z"]
+    assert list(estimate(records, **settings)["parameter"].values) == ["bias_x", "bias_y", "bias_z"]
 
 
 CDF = "GF1_OPER_FGM_ACAL_CORR_20200201T000000_20200201T235959_0201.cdf"

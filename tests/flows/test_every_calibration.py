@@ -331,10 +331,6 @@ def test_satellites_pairs_and_split_mirrors_are_found(level_one, tmp_path):
     assert source.folder == Path(tmp_path)
     steps, _ = engine.plan(command.record("com_offset").flow, source, command.chosen("com_offset", None))
     assert {step.action for step in steps} == {"reuse"}
-    (tmp_path / "whole").mkdir()
-    for path in (level_one / "com_offset").glob("*.txt"):  # the same files twice are one event
-        (tmp_path / "whole" / path.name).symlink_to(path)
-    assert command.many_sources("com_offset", None, tmp_path) == [source]
 
 
 @pytest.mark.skipif("com_offset" not in SMALL, reason="its four variants are not installed")

@@ -487,9 +487,8 @@ def _stacked(panel, row, since, curves, styles, steps=False, size=None):
     if not np.isfinite(curves).any():
         return
     low, high = np.nanmin(curves), np.nanmax(curves)
-    for (name, style), values in zip(
-        styles.items(), 0.9 * (curves - (low + high) / 2) / (high - low or 1.0), strict=True
-    ):
+    drawn = 0.9 * (curves - (low + high) / 2) / (high - low or 1.0)
+    for (name, style), values in zip(styles.items(), drawn, strict=True):
         x, y = (since, values) if steps else thinned(since, values, 500)
         style_of = {"linewidth": 0.8} | style | ({"drawstyle": "steps-post"} if steps else {})
         panel.plot(x, y - row, label=name if row == 0 else None, **style_of)

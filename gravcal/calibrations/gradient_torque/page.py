@@ -55,9 +55,8 @@ def _result(products, settings):
     for i, name in enumerate(map(str, combined["method"].values)):
         own = products[f"drag.{name}"]
         methods[name] = {key: number(combined[variable][i]) for key, variable in METHOD.items()}
-        methods[name]["budget"] = dict(
-            zip(own.attrs["sources"].split(", "), numbers(own["budget"].values), strict=True)
-        )
+        sources = own.attrs["sources"].split(", ")
+        methods[name]["budget"] = dict(zip(sources, numbers(own["budget"].values), strict=True))
         methods[name]["series"] = product.digest(own)[:12]
     above = (torque["amplitude"].values > 3 * torque["sensitivity"].values[:, None]).any(axis=(1, 2))
     document = {

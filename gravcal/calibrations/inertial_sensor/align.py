@@ -240,9 +240,7 @@ def on_grid(time: np.ndarray, values: np.ndarray, grid: np.ndarray) -> np.ndarra
     return out
 
 
-def segment(
-    detected: xr.Dataset, days: Sequence[tuple[Callable, Callable, Callable]], *, step_s, workers
-) -> xr.Dataset:
+def segment(detected: xr.Dataset, days: Sequence[Sequence[Callable]], *, step_s, workers) -> xr.Dataset:
     """Product "inertial_sensor.segment": bins of all rolls, as of `reduced`, day by day, not all in memory at once.
 
     The days are functions that read sensor, tracker and orbit of each, of which so many `workers` are held at a time.

@@ -49,9 +49,7 @@ def spectra_of(blocks: list[np.ndarray], step_s: float) -> tuple[Spectrum, ...]:
     return tuple(noise.fit_spectrum(one, step_s, knots, noise.STEADY) for one in by_axis)
 
 
-def of_tracker(
-    bins: Sequence[tuple[np.ndarray, np.ndarray]], variance: np.ndarray, count: int, step_s: float
-) -> np.ndarray:
+def of_tracker(bins: Sequence[tuple[np.ndarray, ...]], variance: np.ndarray, count: int, step_s: float) -> np.ndarray:
     """Autocovariance (3, count) of tracker bins by lag, in units of `variance` (3,) rad2 of a sample over their number.
 
     One and zeros where their spectrum is flat, as far as is known. Bins are means (n, 3) and numbers (n,) of samples.

@@ -1,4 +1,4 @@
-"""A swing as discovery sees it: whitened attitude and linear voltages, in alternate stretches.
+"""A swing as discovery sees it: whitened attitude and linear voltages, one block a channel.
 
 All parameters of the fit are shared by all blocks: factors, delay and offset, which the calibration reports, then start
 values of the attitude and drifts of the linear readings.

@@ -27,12 +27,8 @@ def report(*products, event, names, settings, published):
     named = dict(zip(names, products, strict=True))
     tests = [*of_product(named["checks"]), *checks.result(named, settings)] if "checks" in named else []
     body, sections = _result(named, settings), partial(_sections, published=published)
-    about = {
-        "event": event,
-        "settings": settings,
-        "heading": "Inertial sensor",
-        "subtitle": WORDS.note("subtitle", **body),
-    }
+    about = {"event": event, "settings": settings, "heading": "Inertial sensor"}
+    about["subtitle"] = WORDS.note("subtitle", **body)
     document, files = pages.report("inertial_sensor", body, named, tests, sections, **about)
     swung, rolled = document.get("swing", {}), document.get("roll", {})
     unknown = {"value": [None] * 3}

@@ -17,10 +17,8 @@ X = np.array([True, False, False] * 2)
 LONGEST = 4000  # observations of one stretch, whose covariance is held as a matrix; a wiggle of 1000 s at 5 s has 200
 #: Degree of the polynomial that the source paper removes from the observations, Remote Sens. 2022, 14, 3395, Sec. 4.1.
 PUBLISHED_DEGREE = (15, 13, None)
-STACKED = (
-    *("centre", "covariance", "formal_sigma", "condition", "sigma0", "kept"),
-    *("arc_value", "arc_sigma", "arcs_chi2", "arcs_dof"),
-)
+STACKED = ("centre", "covariance", "formal_sigma", "condition", "sigma0", "kept")
+STACKED += ("arc_value", "arc_sigma", "arcs_chi2", "arcs_dof")
 
 
 def estimate(

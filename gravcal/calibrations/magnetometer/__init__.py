@@ -1,1 +1,5 @@
-"""Magnetometer against the reference field, as discovery sees it: what minutes of data support and no more."""
+"""Bias, scale, axes and leak of a magnetometer against the reference field."""
+
+from gravcal.calibrations.magnetometer.estimate import of_fields as estimate
+
+__all__ = ["estimate"]

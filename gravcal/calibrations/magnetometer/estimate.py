@@ -1,5 +1,7 @@
 """Bias, scale, axes and leak of the torquers of a magnetometer against the reference field, and checks."""
 
+from collections.abc import Sequence
+
 import numpy as np
 import xarray as xr
 from scipy.interpolate import CubicSpline
@@ -12,7 +14,9 @@ from gravcal.calibrations.magnetometer.model import SCHEMAS
 from gravcal.calibrations.schemas import build
 from gravcal.effects import effect
 from gravcal.errors import refuse
+from gravcal.estimation import estimate as estimating
 from gravcal.estimation import least_squares
+from gravcal.estimation.noise import NoiseModel
 from gravcal.physics import earth, frames, magnetic
 
 #: Groups of parameters: first part of their names and the effect; axes out of square are no effect of the catalogue
@@ -53,7 +57,7 @@ def estimate(
     """
     field, used = model.field(aligned), [group for group in GROUPS if group not in held]
     names, units, sizes = zip(*(one for group in used for one in _parameters(group)), strict=True)
-    blocks = [model.shear(field) if g == "nonorthogonality" else model.columns(field, GROUPS[g]) for g in used]
+    blocks = [_columns(field, group) for group in used]
     size = np.array(sizes)
     design = np.concatenate(blocks, axis=2) * size  # in units of the plausible sizes, so that nothing is small
     step, floor = float(aligned["step"]), 1e-9 * field_noise_nt
@@ -78,11 +82,60 @@ def estimate(
     return build(SCHEMAS["estimate"], solution | {"residual_b": field.difference, "fitted_b": fitted})
 
 
+def of_fields(
+    measured_b: np.ndarray,
+    model_b: np.ndarray,
+    time: np.ndarray,
+    noise: Sequence[NoiseModel],
+    dipole_b: np.ndarray | None = None,
+) -> estimating.Estimate:
+    """Bias, scale, axes and leak of the torquers of a magnetometer against a reference field.
+
+    Parameters
+    ----------
+    measured_b, model_b : (n, 3) T, reading and reference field in the body, NaN where missing
+    time : (n,) s, evenly spaced
+    noise : three NoiseModel of the readings, T
+    dipole_b : (n, 3) A m2, of the torquers; None for none
+
+    Returns
+    -------
+    estimate : Estimate of bias T, scale 1, turn rad, non-orthogonality rad and leak T A-1 m-2, each named
+
+    Notes
+    -----
+    measured - B = b + (diag(s) + E) B + B x a + L m, with the terms of the product `estimate`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from gravcal import magnetometer
+    >>> from gravcal.estimation.noise import fit_noise
+    >>> rng, time = np.random.default_rng(3), np.arange(900.0)
+    >>> noise = [fit_noise([1e-9 * rng.standard_normal(3000)], 1, 1.0) for _ in range(3)]
+    >>> model = 3e-5 * np.stack([np.cos(time / 100), np.sin(time / 170), np.cos(time / 250)], axis=1)
+    >>> measured = 1.001 * model + [1e-7, 0, -2e-7] + 1e-9 * rng.standard_normal(model.shape)
+    >>> found = magnetometer.estimate(measured, model, time, noise)
+    >>> bool(np.all(np.abs(found.value[:4] - [1e-7, 0, -2e-7, 1e-3]) < 4 * found.sigma[:4]))
+    True
+    """
+    still = np.zeros_like(model_b)
+    field = model.Field(time, measured_b, model_b, still, still if dipole_b is None else dipole_b, still, still[:, 0])
+    groups = [*GROUPS][: 4 + (dipole_b is not None)]
+    names, units, _ = zip(*(one for group in groups for one in _parameters(group)), strict=True)
+    design = np.concatenate([_columns(field, group) for group in groups], axis=2)
+    return estimating.estimate(field.difference, design, noise, np.zeros((time.size, 0)), names, ",".join(units))
+
+
 def _parameters(group):
     """Name, unit and plausible size of each parameter of a group."""
     known = effect(GROUPS[group]).parameters
     names = NAMES.get(group, [f"{group}_{one.name}" for one in known])
     return [(name, one.unit, one.prior_sigma) for name, one in zip(names, known, strict=True)]
+
+
+def _columns(field, group):  # derivatives (n, 3, q) T of the difference by the parameters of a group
+    return model.shear(field) if group == "nonorthogonality" else model.columns(field, GROUPS[group])
 
 
 def _solved(rows):
