@@ -107,30 +107,31 @@ def ingested(source, chosen):
 
 
 def _days(source):
-    """Days YYYY-MM-DD of a source: its own and those of its catalogued manoeuvres; without date all of the folder."""
+    """Days YYYY-MM-DD of a source: those of its event in the catalogue, and of its manoeuvres; without date all."""
     files, letter = archive.inventory(source.folder), archive.TOGETHER[source.satellite]
     there = sorted({one.date for one in files if one.product in CALIBRATION.begins and one.satellite == letter})
     if not source.date:
         return there
-    known, spans = catalog.names("events"), [t for _, one in _known(source.event) for t in (one.start, one.stop)]
+    known = _known(source.event)
+    spans = [second for one in (known.found if known else ()) for second in (one.start, one.stop)]
     days = {source.date} | {(EPOCH + timedelta(seconds=second)).date().isoformat() for second in spans}
-    last = str(catalog.event(source.event).end_date) if source.event in known else source.date
+    last = str(known.end_date) if known else source.date
     return [day for day in there if day in days or source.date <= day <= last] or [source.date]
 
 
-def _known(event):  # [(satellite letter, Manoeuvre)] that the catalogue holds of an event
+def _known(event):  # Event of this calibration in the catalogue, or None
     known = catalog.event(event) if event in catalog.names("events") else None
-    manoeuvres = known.found if known and known.calibration == "kbr_phase_centre" else ()
-    return [(letter, one) for one in manoeuvres for letter in (one.satellite or known.letters)]
+    return known if known and known.calibration == "kbr_phase_centre" else None
 
 
 def _pointing_settings(source, chosen):
     """Settings of the pointing stage; "given": (satellite, axis, sign, start, stop GPS s) of catalogued manoeuvres."""
-    wiggles = []
-    for letter, one in _known(source.event):
+    wiggles, known = [], _known(source.event)
+    for one in known.found if known else ():
         axis = ("pitch", "yaw").index(one.kind.lstrip("+-"))
         sign = {"+": 1, "-": -1}.get(one.kind[0], 0)
-        wiggles += [(source.satellite.index(letter), axis, sign, one.start, one.stop)]
+        letters = one.satellite or known.letters
+        wiggles += [(source.satellite.index(letter), axis, sign, one.start, one.stop) for letter in letters]
     return chosen.for_stage("pointing") | nominal_of(source) | {"given": tuple(wiggles)}
 
 

@@ -261,7 +261,7 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
     for kind, regions in (("tile", _tiles), ("slow", _slow), ("chirp", _chirps), ("drift", drifts)):
         best, count = (-np.inf,), 0
         largest = np.full(rest[0].shape[1], -np.inf)
-        for spans, bands, of_axes, plain in regions(series) if numbers and series[0].shape[1] <= LONGEST[kind] else ():
+        for spans, bands, of_axes, *raw in regions(series) if numbers and series[0].shape[1] <= LONGEST[kind] else ():
             sets = [*enumerate(of_axes if len(of_axes) > 1 else ()), (-1, sum(of_axes))]  # a channel may have one axis
             for axis, of_blocks in sets:
                 by_block = zip(numbers, of_blocks, strict=True) if kind in ("tile", "chirp") else ()
@@ -270,8 +270,9 @@ def excess(problem: Problem, rest: list[np.ndarray], channel: str) -> list[Exces
                     count += int(np.sum(np.isfinite(score)))
                     if largest[0] > best[0]:
                         place, rows = int(score.argmax()), slice(None) if block < 0 else numbers.index(block)
-                        total = sum(one[rows, place].sum() for one in (plain if axis < 0 else plain[axis : axis + 1]))
-                        above = total - 2 * power[place, 1:].mean()
+                        powers = raw[0] if raw else of_axes
+                        chosen = powers if axis < 0 else powers[axis : axis + 1]
+                        above = sum(one[rows, place, 0].sum() for one in chosen) - 2 * power[place, 1:].mean()
                         best = largest[0], axis, block, spans[place], bands[place], above
         if count and np.isfinite(best[0]):
             log_p = special.log_ndtr(-largest) + np.log(count)
@@ -364,10 +365,7 @@ def _deviate(power, total, square, draws):
 
 
 def _tiles(series):
-    """Yield tiles of axis series (b, n, d): spans (k, 2) samples, bands (k, 2) per sample, and two lists by axis.
-
-    Powers (b, k, d) to be tested, and the observed ones as they are (b, k).
-    """
+    """Yield tiles of axis series (b, n, d): spans (k, 2) samples, bands (k, 2) per sample, power (b, k, d) an axis."""
     count, parts = series[0].shape[1], 1
     while count // parts >= SHORTEST:
         size = count // parts
@@ -380,8 +378,7 @@ def _tiles(series):
             power = _power(one[:, : parts * size].reshape(len(one), parts, size, -1))
             total = np.concatenate([np.zeros_like(power[:, :, :1]), np.cumsum(power, axis=2)], axis=2)
             of_axes.append((total[:, :, edges[:, 1]] - total[:, :, edges[:, 0]]).reshape(len(one), -1, one.shape[2]))
-        plain = [one[..., 0] for one in of_axes]
-        yield size * np.stack([stretch, stretch + 1], axis=1), (edges[tile] + 1) / size, of_axes, plain
+        yield size * np.stack([stretch, stretch + 1], axis=1), (edges[tile] + 1) / size, of_axes
         parts *= 2
 
 
@@ -401,14 +398,14 @@ def _slow(series):
         weights = 1 / (1 + (np.arange(1, bins + 1) / corners[:, None]) ** 2)
         bands = np.stack([np.ones(corners.size), 1 + corners], axis=1) / count
         of_axes = [np.einsum("kf,bfd->bkd", weights, _power(one), optimize=True) for one in series]
-        yield np.array([(0, count)] * corners.size), bands, of_axes, [one[..., 0] for one in of_axes]
+        yield np.array([(0, count)] * corners.size), bands, of_axes
 
 
 def _chirps(series):
     """Yield chirps of every linear rate as `_tiles` does, start and end frequency between zero and Nyquist.
 
     A real series has the same power at (rate, f) and (-rate, -f): one spectrum gives both signs of the rate, of unit
-    variance for each of the two degrees of freedom.
+    variance for each of the two degrees of freedom. What is tested is `_above`; the observed power itself comes last.
     """
     count = series[0].shape[1]
     turns = 0.25 * count  # of a rate of half the band in half the time; ends apart by a quarter of a turn
@@ -420,7 +417,7 @@ def _chirps(series):
             both, rising = np.concatenate([kept, -kept]), middle[kept, None] + [-sweep, sweep]
             bands, powers = np.concatenate([rising, rising[:, ::-1]]), [_turned(one, rate) for one in series]
             of_axes = [_above(one, min(NEIGHBOURS, count // 8), GUARD)[:, both] for one in powers]
-            yield np.array([(0, count)] * both.size), bands, of_axes, [one[:, both, 0] for one in powers]
+            yield np.array([(0, count)] * both.size), bands, of_axes, [one[:, both, :1] for one in powers]
 
 
 def _turned(series, rate):
@@ -483,4 +480,4 @@ def _drifts(starts, spacing, series):
             drift = ends * (1 + count / (2 * half))
             moved = [[row[low + m : high + m] for row, m in zip(one, shift, strict=True)] for one in turned]
             of_axes, bands = [*map(np.stack, moved)], (kept[:, None] + [-drift, drift]) / count
-            yield np.array([(0, count)] * kept.size), bands, of_axes, [one[..., 0] for one in of_axes]
+            yield np.array([(0, count)] * kept.size), bands, of_axes

@@ -90,7 +90,9 @@ def windows(text: str) -> np.ndarray:
         ends = [[datetime.strptime(end.strip(), "%H:%M") for end in one.split("-")] for one in text.split(",")]
         bounds = np.array([[3600.0 * end.hour + 60 * end.minute for end in (begin, stop)] for begin, stop in ends])
     except ValueError:
-        refuse("windows", repr(text), "times of day such as '02:10-04:00, 05:40-07:15'", "Correct them.", CatalogError)
+        refuse(
+            "windows", repr(text), "times of the day such as '02:10-04:00, 05:40-07:15'", "Correct them.", CatalogError
+        )
     if np.any(bounds[:, 1] <= bounds[:, 0]):
         refuse("windows", repr(text), "an end after each begin, on one day", "Correct them.", CatalogError)
     return bounds

@@ -105,7 +105,7 @@ def test_constraints_are_named_and_a_calibration_without_library_is_refused(tmp_
         flow.designed("gradient_torque", "S", "2026-03-01")
     with pytest.raises(GravcalError, match="an end after each begin"):
         flight_of.windows("02:10-04:00, 07:15-05:40")
-    with pytest.raises(GravcalError, match="times of day"):
+    with pytest.raises(GravcalError, match="times of the day"):
         flight_of.windows("two to four")
     path.write_text("parameters = ['x']\n")
     ranging = calibration.load("kbr_phase_centre")

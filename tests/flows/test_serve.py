@@ -427,9 +427,11 @@ def test_a_server_that_ends_before_it_answers_is_started_again(monkeypatch):
     with server.running(server.begin()) as url:
         assert server.ask(url, "/health") is True
     assert len(started) == 2
-    monkeypatch.setattr(server.subprocess, "Popen", lambda _, **given: popen([healthy, "-c", ""], **given))
-    with pytest.raises(server.Unavailable, match="ended with code 0"), server.running(server.begin()):
-        pass
+    for code in (7, 0):
+        ending = [healthy, "-c", f"raise SystemExit({code})"]
+        monkeypatch.setattr(server.subprocess, "Popen", lambda _, end=ending, **given: popen(end, **given))
+        with pytest.raises(server.Unavailable, match=f"ended with code {code}"), server.running(server.begin()):
+            pass
 
 
 @pytest.mark.long
