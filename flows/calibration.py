@@ -24,7 +24,7 @@ from gravcal.errors import CatalogError, refuse
 from gravcal.io import archive
 from gravcal.store import results, schemas
 from tasks import common, discovery
-from tasks.stage import lazy, read
+from tasks.stage import lazy, read, resolved
 
 GROUP = "gravcal.calibrations"
 EPOCH = datetime(2000, 1, 1, 12)  # of GPS seconds
@@ -105,7 +105,7 @@ class Discovery:
 
     def given(self, name, source, chosen, recorded, solved=None):
         """(records, results, `model_result`): as `taken_out`, results only if that text is "" or with ``solved``."""
-        added = model_result(chosen.model, name, recorded.digest)
+        added = model_result(chosen.model, name, resolved(recorded).digest)
         return *self.taken_out(source, chosen, recorded, solved, alone=bool(added and not solved)), added
 
 

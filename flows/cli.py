@@ -9,6 +9,7 @@ import datetime
 import shlex
 import shutil
 import sys
+import time
 import tomllib
 from enum import StrEnum
 from inspect import Parameter, Signature, signature
@@ -172,12 +173,12 @@ def detect(calibration, event, data, satellite, date, settings, json, save) -> N
     output.manoeuvres(document, json)
     manoeuvres = document["manoeuvres"]
     if save:
-        known, first = load(calibration), min((m["start"] for m in manoeuvres), default=0) / 86400 + 0.5
-        day = datetime.date.fromisoformat(source.date or "2000-01-01") + datetime.timedelta(0 if source.date else first)
+        known = load(calibration)
         files = known.level_one_files(source)
+        days = sorted(datetime.date.fromisoformat(file.date) for file in files)
         digests = {file.name: archive.file_digest(file.path, file.member) for file in files}
-        about = known.design, tuple(source.satellite), day, manoeuvres, digests, document["origin"]
-        event = catalog.save_event(source.event, catalog.event_text(calibration, *about))
+        about = known.design, tuple(source.satellite), days[0], manoeuvres, digests, document["origin"]
+        event = catalog.save_event(source.event, catalog.event_text(calibration, *about, last=days[-1]))
         output.say(f"stored as event {event.name}")
     raise typer.Exit(0 if manoeuvres else 3)
 
@@ -235,8 +236,9 @@ def watch(calibration, satellite, data, settings, workers, json) -> None:
 def simulate(calibration, out, seed, truth, effect, settings, planned, json) -> None:
     """Write the Level-1 files of an invented event; the truth goes to a file of its own that no run reads."""
     settings = [*(settings or []), *([f"design={planned}"] if planned else [])]
-    made = command.simulate(calibration, out, (seed, truth), effect, settings)
-    files = sorted(str(path) for path in out.iterdir() if path.is_file())
+    begun = int(time.time())
+    made = command.simulate(calibration, out, seed, truth, effect, settings)
+    files = sorted(str(p) for p in out.iterdir() if p.is_file() and p != truth and p.stat().st_mtime >= begun)
     whose = {name: made[name] for name in ("satellite", "date") if made.get(name)}
     run = shlex.join(["gravcal", "run", calibration, "--data", str(out), *(f"--{n}={v}" for n, v in whose.items())])
     document = {"calibration": calibration, "folder": str(out), "seed": seed, "files": files, "run": run}
@@ -264,7 +266,7 @@ def design(calibration, satellite, date, separate, budget, constraints, verify, 
 def demo(out, seed, engine, json) -> None:
     """Simulate a calibration day, process it as if it were measured, and print estimate beside truth."""
     folder = out or location.folder() / "demo" / f"seed-{seed}"
-    truth = command.simulate(DEFAULT, folder, (seed, folder / "truth.json"), None, None)
+    truth = command.simulate(DEFAULT, folder, seed, folder / "truth.json", None, None)
     source = command.source(DEFAULT, None, folder, truth["satellite"], truth["date"])
     ref = command.made(load(DEFAULT).flow, source, command.chosen(DEFAULT, None), engine)
     document = load(DEFAULT).document(ref)
@@ -325,7 +327,7 @@ def fetch(event, out, satellite, date, place, part, release, dry, json) -> None:
     if event:
         archives = fetching.of_event(catalog.event(event))
     else:
-        archives = fetching.of_day(satellite, day, part.split(","), release)
+        archives = fetching.of_day(satellite, day, part.replace(" ", "").split(","), release)
     if dry:
         rows = [{"address": fetching.addresses(one, place)[0], "read": one.layout["read"]} for one in archives]
         if output.delivered(rows, json):
@@ -596,7 +598,7 @@ def results(calibration, out, json) -> None:
         out.write_text(timeline.csv_of(rows), encoding="utf-8")
     if output.delivered(rows, json):
         said = [row | {"value": rounded(row["value"], row["sigma_total"] or row["sigma"])} for row in rows]
-        output.named(said, "event", "calibration", "status", "quantity", "value", "unit")
+        output.named(said, "event", "calibration", "origin", "status", "satellite", "quantity", "value", "unit")
 
 
 @command_of(app)
@@ -671,7 +673,7 @@ def main() -> None:
     engine.single_threaded()
     try:
         app()
-    except GravcalError as error:
+    except (OSError, GravcalError) as error:
         output.error(error)
         sys.exit(command.EXIT[command.status_of(error)])
     except Exception as error:  # noqa: BLE001

@@ -200,9 +200,8 @@ def detect(calibration, source, chosen):
     return one.detected(made(one.detect, source, chosen, "inline"))
 
 
-def simulate(calibration, out, seed_truth, effects, settings):
-    """Write the Level-1 files of a simulated event; its truth as a dict. ``seed_truth``: (seed, file or None)."""
-    seed, truth = seed_truth
+def simulate(calibration, out, seed, truth, effects, settings):
+    """Write the Level-1 files of a simulated event; its truth as a dict, also in the file ``truth`` if given."""
     try:
         strengths = {name: float(value) for name, value in pairs(effects).items()}
     except ValueError as error:
@@ -222,7 +221,7 @@ def report_files(event, out, name=None):
             there = f"; experiments there: {', '.join(others)} (--as NAME)" if others else ""
             whose = f"experiment {name}" if name else "operational configuration"
             raise ProductError(f"event {event}: there is no report of the {whose} in {location.folder()}{there}.")
-        similar = difflib.get_close_matches(event, [path.name for path in (location.folder() / "latest").glob("*")], 3)
+        similar = difflib.get_close_matches(event, {link.parent.name for link, _ in links} - {event}, 3)
         hint = f" Did you mean {', '.join(similar)}?" if similar else ""
         raise ProductError(f"event {event}: there is no report in {location.folder()}.{hint} Make it with gravcal run.")
     files = [link / name for link, record in reports for name in sorted([*record["files"], "product.nc"])]

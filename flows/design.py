@@ -37,11 +37,8 @@ ROOM = 0.9
 def constraints(name, path=None):
     """{limit: value} of the designs of a calibration: those of a TOML file (path), else of the catalogue."""
     file, limits = f"design_{name}", catalog.read_file(path)[1] if path else {}
-    known = catalog.parameters(file).entries if file in catalog.names("parameters") else {}
-    for limit in limits:
-        if limit not in known:
-            refuse(path, f"the constraint {limit!r}", f"one of {', '.join(known)}", "Correct the name.")
-    return {n: list(e.value) if isinstance(e.value, tuple) else e.value for n, e in known.items()} | limits
+    known = catalog.parameters(file).with_settings(limits).entries if file in catalog.names("parameters") else {}
+    return {n: list(e.value) if isinstance(e.value, tuple) else e.value for n, e in known.items()}
 
 
 def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, verify=0, out=None, say=lambda _: None):

@@ -17,7 +17,7 @@ from gravcal import catalog
 from gravcal.errors import NoDataError, ProductError, refuse
 from gravcal.store import location, results, store
 from tasks import common, discovery
-from tasks.stage import inline, lazy, using
+from tasks.stage import inline, lazy, resolved, using
 
 campaigns = lazy("flows.campaign")
 report = lazy("gravcal.report.joint")
@@ -57,7 +57,7 @@ def flow_of(name: str, shown: bool = False):
             _, *added = looked.given(one.name, source, chosen, recorded)
             results = [looked.result(source, chosen, records), after]  # last: latest/ leads to it, or to that of a run
             results += [looked.result(source, chosen, records, *added)] if any(added) else []
-            digest = recorded.digest
+            digest = resolved(recorded).digest
         elif looked.again:
             looked.baseline(source, chosen)  # last: latest/ leads to it
         values = {name: value for name, value in chosen.for_report().items() if name != "truth"}

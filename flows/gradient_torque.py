@@ -93,7 +93,7 @@ def simulation(out, chosen, day, seed, effects, truth):
     numbers |= {"satellite": chosen.satellite}
     if truth is None:
         return numbers
-    series = Path(truth).with_suffix(".nc")
+    series = Path(truth).with_suffix(".series.nc" if Path(truth).suffix == ".nc" else ".nc")
     daily.write_sgrs(series, invented["clean"] | {"drag": invented["drag"]})
     return numbers | {"series": series.name}
 
@@ -103,8 +103,8 @@ def _nongravitational(chosen, day):
     if not chosen.nongravitational:
         return None
     file = archive.from_name(Path(chosen.nongravitational).expanduser())
-    if file.product not in ("ACT1B", "ACC1B"):
-        refuse("nongravitational", file.path.name, "an ACT1B or ACC1B file", "Give one.")
+    if not file or file.product not in ("ACT1B", "ACC1B"):
+        refuse("nongravitational", chosen.nongravitational, "an ACT1B or ACC1B file", "Give one.")
     records = readers.read(file)
     elapsed = records["time_tag"].values - records["time_tag"].values[0]
     values = np.stack([records[f"lin_accl_{axis}"].values for axis in "xyz"], axis=1)

@@ -66,13 +66,10 @@ def _attempted(make, source, chosen):
 def _made(part, source, chosen):
     """{stage: ProductRef} of a part, with "discovery" if ``chosen.search``."""
     one, source, own = _owner(part, source, chosen)
-    made = OTHERS[part].made(source, own) if part in OTHERS else _accelerometer(source, own)
+    made = OTHERS[part].made(source, own) if part in OTHERS else _estimated(source, own, _aligned(source, own))
+    if part not in OTHERS:
+        made = {"checks": routine.checks(made["estimate"], **own.for_stage("checks"))} | made
     return made | {"discovery": discover.searched(one, source, own)[0]} if chosen.search else made
-
-
-def _accelerometer(source, chosen):  # {stage: ProductRef}
-    made = _estimated(source, chosen, _aligned(source, chosen))
-    return {"checks": routine.checks(made["estimate"], **chosen.for_stage("checks"))} | made
 
 
 def _estimated(_source, chosen, aligned):  # {stage: ProductRef} of the records and their estimate

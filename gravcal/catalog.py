@@ -430,8 +430,8 @@ class Parameters:
         for name, setting in settings.items():
             entry = self.entry(name)
             if isinstance(entry.value, tuple):
-                items = setting.split(",") if isinstance(setting, str) else setting
-                value = tuple(_scalar(item, entry.value[0], entry, self.calibration) for item in items)
+                items = setting.split(",") if isinstance(setting, str) else np.atleast_1d(setting).tolist()
+                value = tuple(_scalar(item, (*entry.value, "")[0], entry, self.calibration) for item in items)
             else:
                 value = _scalar(setting, entry.value, entry, self.calibration)
             changed[name] = replace(entry, value=value)

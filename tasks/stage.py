@@ -1,13 +1,8 @@
 """The @stage decorator: a function of datasets becomes a cached, checked, written product.
 
-    @stage(reads=["com_offset.align"], writes="com_offset.field", version=1)
-    def field(aligned, *, igrf_generation: int):
-        return com_offset.field(aligned, igrf_generation)
-
-    ref = field(aligned_ref, igrf_generation=13)                 # ProductRef in, ProductRef out: made only if not there
-    ref = solve(field_ref, variant="mtq", lowpass_hz=0.5)        # variant: also part of the name, com_offset.solve.mtq
-    dataset = field(aligned_dataset, igrf_generation=13)         # datasets in, dataset out: the bare body, for tests
-    dataset = read(ref)                                          # what a product holds
+    ref = solve(field_ref, variant="mtq", lowpass_hz=0.5)   # ProductRef in, ProductRef out: made only if not there
+    dataset = solve(field_dataset, lowpass_hz=0.5)          # datasets in, dataset out: the bare body, for tests
+    dataset = read(ref)                                     # what a product holds; docs/adding_a_calibration.md
 
 - Positional arguments are products or Level-1 files, keyword arguments settings, all of which a call gives.
 - A body that takes ``**settings`` hands all settings on to a science function, whose keywords say what there is.
@@ -140,6 +135,13 @@ def read(ref):
     return dataset
 
 
+def resolved(ref):
+    """ProductRef with key and digest, after the task that is to give it; in a plan as it is, without where not made."""
+    engine = _engine.get()
+    waits = getattr(engine, "computes", True) and getattr(engine, "resolve", None)
+    return waits(ref) if waits else ref
+
+
 def current():
     """Engine that runs stages here, None for one that computes at once."""
     return _engine.get()
@@ -255,7 +257,9 @@ def _make(call, key, wanted, modules):  # ProductRef of the body's result; wante
         "versions": keys.versions(),
     }
     origin = _origin(call, contents, wanted.get("origin"), dataset.attrs.get("origin", ""))
-    dataset = product.check(dataset, call.stage.writes).assign_attrs({"origin": origin} if origin else {})
+    cut = product.listed("cut", (*contents, dataset))  # files with fewer records than their headers declare
+    inherited = ({"origin": origin} if origin else {}) | ({"cut": "; ".join(cut)} if cut else {})
+    dataset = product.check(dataset, call.stage.writes).assign_attrs(inherited)
     if store.find(key) and not usable(key):
         store.set_aside(store.folder_of(key), "made again, for other versions had made it")
     return store.put(key, wanted, (dataset, files), facts)

@@ -40,11 +40,6 @@ def test_the_package_leads_to_its_interface():
         getattr(gravcal, "nothing")  # noqa: B009 - a plain attribute would be a useless expression
 
 
-def red_noise(rng, count, size):
-    """Red noise (count,) that a model of order 8 holds, and its quiet data."""
-    return coloured(lambda f: size**2 * (1 + 0.01 / np.maximum(f, 1e-3)), 2 * count, 0.1, rng)
-
-
 def manoeuvre(rng, offset, noise_size=1e-10):
     """Arguments of com_offset.estimate for an invented manoeuvre: red noise, measured beside it."""
     time = 0.1 * np.arange(1800)
@@ -54,7 +49,7 @@ def manoeuvre(rng, offset, noise_size=1e-10):
     reading = -offset_tensor(rate, rate_dot, gradient) @ offset + 1e-7 * np.sin(time[:, None] / 300)
     noise = []
     for axis in range(3):
-        whole = red_noise(rng, 4000, noise_size)
+        whole = coloured(lambda f: noise_size**2 * (1 + 0.01 / np.maximum(f, 1e-3)), 8000, 0.1, rng)  # of order 8
         reading[:, axis] += whole[:1800]
         noise.append(fit_noise([whole[2000:]], 8, 0.1))
     return rate, rate_dot, gradient, reading, time, noise

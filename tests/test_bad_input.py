@@ -149,6 +149,15 @@ def test_a_manoeuvre_with_a_long_gap_is_not_used_and_says_so(files, product, nam
     assert worst(document, files["truth"]) < 5, f"seed {files['truth']['seed']}"
 
 
+def test_a_file_that_ends_before_its_header_says_is_questionable(files):
+    """Contract: a cut file is never taken for a whole one, and the verdict names it."""
+    lines = files["ACC1A"].read_text().splitlines(keepends=True)
+    files["ACC1A"].write_text("".join(lines[: 4 * len(lines) // 5]))
+    document, _ = result(files["folder"])
+    assert document["status"] == "questionable"
+    assert f"records of {files['ACC1A'].name}" in document["verdict"]["text"]
+
+
 def test_a_single_roll_does_not_give_a_wrong_joint_value(tmp_path, monkeypatch):
     """Recovery: seed 77, where the noisy equation of sca cancels the prior of x; only the roll is found."""
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "store"))

@@ -170,6 +170,9 @@ def end(server):
 
 def drain(url, flow_run, expected):
     """Wait until the server has recorded the end of ``expected`` tasks of a run (its id), at most DRAIN_LIMIT_S."""
+    from prefect.events.worker import EventsWorker
+
+    EventsWorker.drain_all(timeout=DRAIN_LIMIT_S, at_exit=False)  # the next run has another server, unknown to these
     question = {
         "flow_runs": {"id": {"any_": [str(flow_run)]}},
         "task_runs": {"state": {"type": {"any_": ENDED}}},

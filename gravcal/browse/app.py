@@ -100,7 +100,7 @@ def bound(host: str, port: int) -> socket.socket:
     try:
         return socket.create_server((host.strip("[]"), port), family=family, dualstack_ipv6=":" in host)
     except OSError as error:
-        reason, remedy = error.strerror or error, "Give another --port; 0 takes any that is free."
+        reason, remedy = error.strerror or error, "Give another --port (0 takes any that is free) or --host."
         return refuse(f"browse: {host}:{port}", reason, "an address that can be listened on", remedy, GravcalError)
 
 

@@ -4,6 +4,7 @@ Format: Barthelmes and Foerste 2011, The ICGEM-format. Time-variable models are 
 static part of a `gfct` line is used, trends and periodic terms (`trnd`, `dot`, `acos`, `asin`) are left out.
 """
 
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -82,8 +83,8 @@ def _head(lines, path):
 
 
 def _number(word, where):
-    """Float of a word, whose exponent may be Fortran's D; ``where`` is for the message if it is none."""
-    try:
-        return float(word.replace("D", "e").replace("d", "e"))
-    except ValueError:
-        return refuse(where, f"{word!r}", "a number", "Repair the line.")
+    """Finite float of a word, whose exponent may be Fortran's D; ``where`` is for the message if it is none."""
+    with suppress(ValueError):
+        if np.isfinite(number := float(word.replace("D", "e").replace("d", "e"))):
+            return number
+    return refuse(where, f"{word!r}", "a finite number", "Repair the line.")

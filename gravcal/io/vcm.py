@@ -18,6 +18,7 @@ from gravcal.io.writers import header_lines, label_header
 
 SPACECRAFT = {f"GRACE{letter}": letter for letter in "ABCD"}
 EXPECTED = "time GRACEC VCM 3 x y z comment"
+LATEST_S = 1e11  # s, of a time: the calendar ends there
 CALIBRATIONS = {"CMCAL": "com_offset", "KBRCAL": "kbr_phase_centre"}  # events that bound manoeuvres: 1 begin, 0 end
 
 
@@ -76,9 +77,9 @@ def read_line(line):
         time, spacecraft, name, count = float(fields[0]), *fields[1:3], int(fields[3])
         rest = "".join(fields[4:]).split(maxsplit=max(count, 0))
         values = tuple(float(one) for one in rest[:count])
-    except ValueError as error:
+    except (ValueError, OverflowError) as error:
         wrong(str(error))
-    if len(values) != count or not np.all(np.isfinite([time, *values])):
+    if len(values) != count or not np.all(np.isfinite(values)) or not abs(time) < LATEST_S:
         wrong(f"{len(values)} values")
     return Entry(time, SPACECRAFT[spacecraft], name, values, "".join(rest[count:]).strip())
 
@@ -110,7 +111,7 @@ def sessions(entries):
         first = begun.pop(key, None)
         calibrations.append(Session(*whose, first and first.time, one.time, first.comment if first else one.comment))
     unended = [Session(CALIBRATIONS[n], letter, e.time, None, e.comment) for (n, letter), e in begun.items() if e]
-    return sorted(calibrations + unended, key=lambda one: (one.start or one.stop, one.satellite))
+    return sorted(calibrations + unended, key=lambda one: (one.stop if one.start is None else one.start, one.satellite))
 
 
 def in_force(entries, name, satellite, time):

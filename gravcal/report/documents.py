@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from gravcal.calibrations import checks as checking
 from gravcal.report.plain import as_plain
 from gravcal.store import product
-from gravcal.store.product import MEASURED, foreword, origins_together
+from gravcal.store.product import MEASURED, foreword, listed, origins_together
 from gravcal.store.schemas import VERSION, validate
 
 #: Statuses of documents that hold a result.
@@ -42,6 +42,9 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
     products, Datasets, are those that the report reads.
     """
     origin = origins_together(one.attrs.get("origin", "") for one in products if one is not None) or MEASURED
+    for name, records, declared in map(str.split, listed("cut", products)):
+        of_all = f"records of {name} over those that its header declares", int(records) / int(declared)
+        checks = [*checks, checking.at_least(*of_all, 1.0, "1")]
     failed = [one for one in checks if not one.passed]
     status = "questionable" if failed and document["status"] == "delivered" else document["status"]
     warning = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""

@@ -2,6 +2,7 @@
 
 import base64
 import io
+import tomllib
 from pathlib import Path
 
 import matplotlib
@@ -10,28 +11,12 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 
 WIDTH_IN = 7.0
-#: Okabe and Ito, Color Universal Design, 2008.
-COLOURS = {
-    "black": "#000000",
-    "orange": "#E69F00",
-    "sky": "#56B4E9",
-    "green": "#009E73",
-    "yellow": "#F0E442",
-    "blue": "#0072B2",
-    "vermilion": "#D55E00",
-    "purple": "#CC79A7",
-    "grey": "#8A8A8A",
-}
+LOOKS = tomllib.loads(Path(__file__).with_name("figures.toml").read_text(encoding="utf-8"))
+COLOURS = LOOKS["colours"]
 AXIS = {axis: {"color": COLOURS[name]} for axis, name in zip("xyz", ("blue", "orange", "green"), strict=True)}
 AXIS["z"]["linestyle"] = "--"
 #: Mark, colour and label by what a value is; no line joins ours.
-MARKS = {
-    "printed": ("o", COLOURS["blue"], "printed"),
-    "measured": ("s", COLOURS["vermilion"], "gravcal"),
-    "questionable": ("x", COLOURS["black"], "questionable"),
-    "simulated": ("D", COLOURS["purple"], "SIMULATED"),
-    "mixed": ("d", COLOURS["purple"], "simulated and measured"),
-}
+MARKS = {name: (mark, COLOURS[colour], label) for name, (mark, colour, label) in LOOKS["marks"].items()}
 #: How every spectrum on a page is made; how long the stretches are, and how many, follows.
 HANN = "Spectra: periodograms under a Hann window"
 BARE = "Spectra: periodograms without a window"

@@ -2,20 +2,11 @@
 
 A calibration's page stands in one module, `gravcal/calibrations/<name>/page.py`, and what it says in words in a file
 beside it, `page.toml`: captions, heads and notes, labels and places of panels (`Words`). The module holds the rows of
-the tables, what goes into the panels of the figures, and one function that lists the sections in order::
-
-    WORDS = words(__file__, "page.toml")
-
-    @WORDS.figure("field", "align")
-    def field(panels, checked, aligned): ...
-
-    def sections(document):
-        offsets = [[axis, value] for axis, value in zip("xyz", document["offset_um"])]
-        return [Section("Result", [WORDS.table("offsets", offsets)]), Section("Field", figures=[field])]
-
-A figure names products by their stage ("solve.mtq" with the variant; "solve.*" gives all variants, {variant: Dataset}).
-They are the arguments of the figure and the source under it. `page` draws, numbers and traces everything, `report` is
-the body of the stage `report`: result document, judged, and page. Without a file of words `Table` and `figure` do.
+the tables, what goes into the panels of the figures, and one function that lists the sections in order, as in
+`docs/adding_a_calibration.md`. A figure names products by their stage ("solve.mtq" with the variant; "solve.*" gives
+all variants, {variant: Dataset}). They are the arguments of the figure and the source under it. `page` draws, numbers
+and traces everything, `report` is the body of the stage `report`: result document, judged, and page. Without a file of
+words `Table` and `figure` do.
 """
 
 import itertools

@@ -89,10 +89,7 @@ def signed(value, digits):
     """Text of a number with a true minus sign, zero without; NOT_DETERMINED for None."""
     if value is None:
         return NOT_DETERMINED
-    text = f"{value:.{digits}f}"
-    if float(text) == 0:
-        text = text.lstrip("-")
-    return text.replace("-", "−")
+    return f"{value:z.{digits}f}".replace("-", "−")
 
 
 def plus_minus(value, sigma, total=None, digits=None):

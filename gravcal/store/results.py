@@ -46,7 +46,7 @@ def rounded(value, sigma):
         power = 3 * math.floor(math.log10(size) / 3)
         return f"({rounded(value / 10.0**power, sigma / 10.0**power)})e{power}"
     digits = max(0, 1 - math.floor(math.log10(sigma)))
-    return f"{value:.{digits}f} +- {sigma:.{digits}f}"
+    return f"{value:z.{digits}f} +- {sigma:.{digits}f}"
 
 
 def vector(satellite, prefix, unit, block, names=("value", "sigma", "sigma_total")):

@@ -105,8 +105,10 @@ def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path):
             assert values[1]["delay"]["value"] == pytest.approx(2.0, abs=5 * values[1]["delay"]["sigma"])
         else:
             assert one["repeats"]["p"] > 1e-4
-            for own in values:
+            for own, day in zip(values, folders, strict=True):  # the same as the fit whose delay is not linear
                 assert own["share_x"]["value"] == pytest.approx(2.5, abs=5 * own["share_x"]["sigma"])
+                gain = commands.run("thrusters", day)[0]["parameters"]["gain_x"]["value"]
+                assert own["share_x"]["value"] == pytest.approx(gain, abs=0.5 * own["share_x"]["sigma"])
     assert "does not repeat" in next(path for path in files if path.suffix == ".html").read_text()
 
 

@@ -89,12 +89,6 @@ def made(name, level_one, settings=None):
     return row
 
 
-def of_flow(event):
-    """Entries of an event that the flow of its calibration made, not those of experiments and of discovery."""
-    own = housekeeping.entries(event, configuration=location.OPERATIONAL)
-    return [one for one in own if "discovery" not in one.ref.stage]
-
-
 @pytest.mark.parametrize("name", SMALL)
 def test_a_campaign_delivers_a_plan_reuses_all_and_a_simulated_event_says_so_wherever_it_is_shown(name, level_one):
     """Contract: a folder is enough; the second campaign makes nothing; the plan of the store finds the files again.
@@ -203,7 +197,8 @@ def test_history_and_rebuild_reach_every_product(name, level_one, monkeypatch):
     The system says which files of the package a stage opens, with nothing remembered from the stage before.
     """
     event = made(name, level_one)["event"]
-    known = {entry.ref.stage: entry for entry in of_flow(event)}
+    own = housekeeping.entries(event, configuration=location.OPERATIONAL)
+    known = {entry.ref.stage: entry for entry in own if "discovery" not in entry.ref.stage}
     for entry in known.values():
         printed = io.StringIO()
         with redirect_stdout(printed):
@@ -335,7 +330,7 @@ def test_satellites_pairs_and_split_mirrors_are_found(level_one, tmp_path):
 
 @pytest.mark.skipif("com_offset" not in SMALL, reason="its four variants are not installed")
 def test_tasks_of_prefect_make_the_same_products(level_one, prefect_home, tmp_path, monkeypatch):
-    """Contract: four variants in threads of Prefect; keys, contents, links of an experiment are those of inline."""
+    """Contract: four variants in threads of Prefect, and a search; keys, contents, links are those of inline."""
     event = made("com_offset", level_one, [WHAT_IF["com_offset"]])["event"]
     configuration, used = WHAT_IF["com_offset"].replace("=", "-"), []
     products = lambda: {  # noqa: E731
@@ -344,6 +339,8 @@ def test_tasks_of_prefect_make_the_same_products(level_one, prefect_home, tmp_pa
     }
     inline, chosen = products(), configurations.record(command.chosen("com_offset", [WHAT_IF["com_offset"]]))
     (source,) = command.sources("com_offset", None, None, None, None)
+    searched = discover.flow_of("com_offset"), source, command.chosen("com_offset", None)
+    found = engine.run(*searched, engine="inline")  # whose model holds for records of this digest
     monkeypatch.setenv("PREFECT_HOME", str(prefect_home))
     monkeypatch.setenv("GRAVCAL_PRODUCTS", str(tmp_path / "products"))
     monkeypatch.setattr(engine, "warn", used.append)
@@ -351,6 +348,7 @@ def test_tasks_of_prefect_make_the_same_products(level_one, prefect_home, tmp_pa
     assert used == []  # Prefect answered
     assert products() == inline != {}
     assert list(location.links(event).glob("*.*")) == []
+    assert engine.run(*searched).key == found.key
 
 
 ORDER = "§2.4 Dimensions"  # the house puts vectors on the last axis; CF recommends, but does not ask, the contrary

@@ -83,10 +83,6 @@ def oblate_gradient(position):
     return point - q * (a + b)
 
 
-def _flow(_t, state):
-    return np.concatenate([state[3:], oblate_gravity(state[:3])])
-
-
 def make_orbit(rng, gps_noon, *, height_m, inclination_deg, eccentricity, spacing_s):
     """Orbit of a day, ascending node at zero longitude of the intermediate frame (see `turn`)."""
     axis = earth.EQUATOR + height_m
@@ -107,7 +103,8 @@ def make_orbit(rng, gps_noon, *, height_m, inclination_deg, eccentricity, spacin
 def _integrate(start):
     """Dense solution over the day with margins; kept, since events of one seed share it."""
     options = {"method": "DOP853", "rtol": 1e-11, "atol": 1e-6, "max_step": 40.0, "dense_output": True}
-    return solve_ivp(_flow, (-200.0, 86600.0), start, **options).sol
+    flow = lambda _, state: np.concatenate([state[3:], oblate_gravity(state[:3])])  # noqa: E731
+    return solve_ivp(flow, (-200.0, 86600.0), start, **options).sol
 
 
 def turn(orbit, node_rad):

@@ -389,7 +389,7 @@ def _motion(window, fit, timing, aligned, noise, choice):
     arc, rod, shift = window.arc, window.rod, fit.solution.shift
     time = aligned["time_acc"].values[window.acc]
     at = np.clip(time - (0.0 if timing is None else timing.shift), arc.origin, None)
-    width = 0.0 if timing is not None and timing.momentary else float(np.median(np.diff(time)))
+    width = 0.0 if (timing is not None and timing.momentary) or time.size < 2 else float(np.median(np.diff(time)))
     motion = at, fit.solution.state, torque_of(arc, fit.solution)
     quaternion, rate, rate_dot = dynamics.integrate(*motion, max_step=choice.step_s)
     field_b = field_at(window, fit, at)

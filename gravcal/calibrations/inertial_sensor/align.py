@@ -54,9 +54,9 @@ def scatter_of_third_differences(values: np.ndarray) -> np.ndarray:
 def reduced(sensor: dict, tracker: dict, orbit: dict, step_s: float) -> dict[str, np.ndarray]:
     """Bin means of one span, for example of one day's files; bins begin at multiples of their length step_s.
 
-    Of {"time", "volts" (n, 6) V}, {"time", "quaternion" (m, 4)} and {"time", "position", "velocity" (r, 3)}, inertial.
+    Arguments are {"time", "volts" (n, 6) V}, {"time", "quaternion" (m, 4)}, {"time", "position", "velocity" (r, 3), i}.
     Bins {"time" (b,), "linear_volt" (b, 3) V, "share" (b,) of the samples present and used, "R_bo" (b, 3, 3), o with
-    x radial and z along the flight, "rate_b" (b, 3) rad s-1, "gradient_b" (b, 3, 3) s-2} are NaN where unknown.
+    x radial and z along the flight, "rate_b" (b, 3) rad s-1} are NaN where unknown; "gradient_b" (b, 3, 3) s-2 is not.
     """
     first = np.ceil(sensor["time"][0] / step_s - 1e-9)
     edges = step_s * np.arange(first, np.floor((sensor["time"][-1] + 1e-6) / step_s + 0.05) + 1)

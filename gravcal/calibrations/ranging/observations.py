@@ -33,8 +33,11 @@ def observe(
     component with a larger sigma than the limit not.
     """
     rows, nominal = products["align"], np.asarray(nominal_m, dtype=float).reshape(2, 3)
-    if "rate_left" in rows:
-        return _late_orbit(rows)
+    if "rate_left" in rows:  # one orbit is of another time, by the range rate
+        which = int(np.argmax(np.abs(rows["late"].values[3:])))
+        series = (rows[name].values for name in ("rate_time", "rate_left", "rate_change"))
+        delay = Parameter(float(rows["late"].values[3 + which]), WHOLE_S, "s")
+        return of_late_orbit(rows, *series, delay, "range rate", Routine.name, f"{'ab'[which]} alone")
     added = 0.0 if correction_left_out else rows["correction"].values
     ahead, segment = rows["time"].values + rows["late"].values[0], rows["segment"].values
     beyond = (ahead < rows["time"].values[0]) | (ahead > rows["time"].values[-1])  # by late tags no range is known
@@ -44,14 +47,6 @@ def observe(
     late = late.get("ranging.delay", np.zeros((1, 1)))[:, 0] * rows["late"].values[0]
     tried = np.concatenate([columns for _, columns in made.laws], axis=1)
     return replace(made, parts=model.blocks(rows, **settings, added=added - late, beside=tried))
-
-
-def _late_orbit(rows):
-    """Observations (LateTags) of a day with one orbit of another time, by the range rate."""
-    which = int(np.argmax(np.abs(rows["late"].values[3:])))
-    series = (rows[name].values for name in ("rate_time", "rate_left", "rate_change"))
-    delay = Parameter(float(rows["late"].values[3 + which]), WHOLE_S, "s")
-    return of_late_orbit(rows, *series, delay, "range rate", Routine.name, f"{'ab'[which]} alone")
 
 
 def late_columns(rows: xr.Dataset) -> dict[str, np.ndarray]:

@@ -97,9 +97,9 @@ def _torquers(mag, ends, dipole_per_current):
 
     When a current changes between two records is not known; its expectation, linear in between, does not bias a gain.
     """
-    if mag is None:
+    time, current = ((), ()) if mag is None else usable(mag, ("current_b",))
+    if not len(time):
         return {name: np.zeros((ends.shape[1], 3)) for name in ("dipole_b", "dipole_rate_b")}
-    time, current = usable(mag, ("current_b",))
     fine = np.linspace(*ends, 21)[1::2]
     dipole = np.stack([np.interp(fine, time, one).mean(axis=0) for one in current.T], axis=1) * dipole_per_current
     at_ends = np.stack([np.interp(ends, time, one) for one in current.T], axis=2)
@@ -201,6 +201,8 @@ def estimate(
 ) -> xr.Dataset:
     """Product "routine.estimate": all causes in one least-squares fit to "routine.align", whitened by its residual."""
     pieces, observed, models = list(blocks(aligned, block_s, knot_s)), readings(aligned), [None] * 6
+    if not pieces:
+        refuse("ACC1A", "no block that is half full", f"readings of {block_s / 2:g} s", "Give more.", EstimationError)
     delay = _first_delay(aligned, pieces, observed)
     amplitude = np.concatenate([np.zeros((6, 3)), aligned["nominal_b"].values], axis=1)
     value, kept = None, pieces  # the slow part of each block is free; outliers are left out of the fit
@@ -284,10 +286,9 @@ def _first_delay(aligned, pieces, observed):
 
 def _gains(candidates, information, value):
     """Chi-square (c,) that each candidate gains beside all others, and its chance probability, Bonferroni-corrected."""
-    inverse, gains, dof, first = least_squares.stable_inverse(information), [], [], 0
-    for candidate in candidates:
-        rows = np.arange(first, first + len(candidate.names))
-        rows, first = rows[np.diag(information)[rows] > 0], first + len(candidate.names)
+    inverse, gains, dof = least_squares.stable_inverse(information), [], []
+    for place in np.split(np.arange(value.size), np.cumsum([len(one.names) for one in candidates])[:-1]):
+        rows = place[np.diag(information)[place] > 0]
         gains.append(value[rows] @ least_squares.stable_inverse(inverse[np.ix_(rows, rows)]) @ value[rows])
         dof.append(rows.size)
     return gains, np.minimum(len(candidates) * np.exp(chi2_tail.log_tail(gains, np.maximum(dof, 1))), 1.0)

@@ -58,6 +58,28 @@ def gains_alone(parts: list[Rows], firings: Firings) -> np.ndarray:
     return least_squares.stable_inverse(normal) @ sum(c.T @ p.observed for c, p in zip(columns, parts, strict=True))
 
 
+def joint_fit(rows: list[Rows], firings: Firings, steps: list[np.ndarray]) -> tuple:
+    """Gains, last step of the delay and camera steps (q,), delay s, and of every block columns, information and right.
+
+    Gauss and Newton; `steps` are the whitened columns (n, 3 h) of the camera steps of each block. Columns (n, q) are
+    whitened, information (blocks, q, q) and right (blocks, q) have the smooth torque projected out.
+    """
+    gain, delay = gains_alone(rows, firings), 0.0
+    for _ in range(ITERATIONS):
+        corrected = firings.late_by(delay)
+        by_gain = [row.whiten(row.segment.gains(corrected)) for row in rows]
+        by_delay = [row.whiten(row.segment.delay(Firings(corrected.time, corrected.impulse_b * gain))) for row in rows]
+        columns = [np.concatenate(one, axis=1) for one in zip(by_gain, by_delay, steps, strict=True)]
+        reduced = [row.less(c) for row, c in zip(rows, columns, strict=True)]
+        for left, whole in zip(reduced, columns, strict=True):  # nothing but rounding, as of a camera used all the time
+            left[:, np.linalg.norm(left, axis=0) < 1e-7 * np.linalg.norm(whole, axis=0)] = 0.0
+        right = np.stack([c.T @ row.observed for row, c in zip(rows, reduced, strict=True)])
+        information = np.stack([c.T @ c for c in reduced])
+        value = least_squares.stable_inverse(information.sum(axis=0)) @ right.sum(axis=0)
+        gain, delay = value[:3], delay + value[3]
+    return value, delay, columns, information, right
+
+
 def inflation(parts: list[Rows], present: list[np.ndarray], wrong: Iterable[list[np.ndarray]]):
     """Variance inflation factor, at least one, and gains in chi-square (k,) of the firings at each wrong time.
 
@@ -114,20 +136,8 @@ def estimate(
     firings = Firings(one.firings.time[inside], one.firings.impulse_b[inside])
     heads = model.heads_of([row.segment for row in rows])[:-1]
     steps = [row.whiten(row.segment.heads(heads)) for row in rows]
-    gain, delay = gains_alone(rows, firings), 0.0
-    for _ in range(ITERATIONS):
-        corrected = firings.late_by(delay)
-        by_gain = [row.whiten(row.segment.gains(corrected)) for row in rows]
-        by_delay = [row.whiten(row.segment.delay(Firings(corrected.time, corrected.impulse_b * gain))) for row in rows]
-        columns = [np.concatenate(one, axis=1) for one in zip(by_gain, by_delay, steps, strict=True)]
-        reduced = [row.less(c) for row, c in zip(rows, columns, strict=True)]
-        for left, whole in zip(reduced, columns, strict=True):  # nothing but rounding, as of a camera used all the time
-            left[:, np.linalg.norm(left, axis=0) < 1e-7 * np.linalg.norm(whole, axis=0)] = 0.0
-        right = np.stack([c.T @ row.observed for row, c in zip(rows, reduced, strict=True)])
-        information = np.stack([c.T @ c for c in reduced])
-        value = least_squares.stable_inverse(information.sum(axis=0)) @ right.sum(axis=0)
-        gain, delay = value[:3], delay + value[3]
-    factor, shifted = inflation(rows, columns, wrong_times(rows, corrected))
+    value, delay, columns, information, right = joint_fit(rows, firings, steps)
+    factor, shifted = inflation(rows, columns, wrong_times(rows, firings.late_by(delay - value[3])))
     group = np.arange(len(rows)) * parts // len(rows)
     groups = [group == number for number in np.unique(group)]
     information, right = (np.stack([each[g].sum(axis=0) for g in groups]) / factor for each in (information, right))

@@ -10,7 +10,7 @@ from scipy.linalg import expm
 from scipy.ndimage import uniform_filter1d
 
 from gravcal.calibrations import checks, schemas
-from gravcal.calibrations.align import QUATERNION, off_orbit, own_tags, sorted_samples, usable
+from gravcal.calibrations.align import QUATERNION, STATE, off_orbit, own_tags, sorted_samples, usable
 from gravcal.calibrations.schemas import build
 from gravcal.errors import EstimationError, refuse
 from gravcal.estimation import least_squares, timing
@@ -90,8 +90,10 @@ def align(
     for other in twin:
         firings = _firings(other, position_b, force_b)
         aligned |= {"twin_firing": firings.time, "twin_impulse_b": firings.impulse_b}
-    time = orbit["time_tag"].values
-    position, velocity = (np.stack([orbit[f"{a}{k}"].values for a in "xyz"], axis=1) for k in ("pos", "vel"))
+    time, state = usable(orbit, STATE)
+    if not time.size or np.ptp(time) < 3 * ORBIT_STEP_S:
+        refuse("GNV1B", f"{time.size} usable positions", "minutes of them", "Give a longer record.", EstimationError)
+    position, velocity = state[:, :3], state[:, 3:]
     inertial, velocity_i = earth.state_to_inertial(time, position, velocity)
     every = slice(None, None, max(int(round(ORBIT_STEP_S / np.median(np.diff(time)))), 1))
     field_e = magnetic.field_e(time[every], position[every], igrf_generation)
@@ -230,11 +232,10 @@ class Segment:
         """Derivatives (n, 3, 3) rad of the attitude by the gain about each axis, smooth torque projected out."""
         return self.sharp(self.after(firings.time, firings.impulse_b[:, :, None] * np.eye(3)))
 
-    def delay(self, firings: Firings) -> np.ndarray:
-        """Derivative (n, 3, 1) rad s-1 of the attitude by the delay of firings, smooth torque projected out."""
-        impulse = firings.impulse_b[:, :, None]
-        early, late = (self.after(firings.time + d, impulse) for d in (-DELAY_STEP_S, DELAY_STEP_S))
-        return self.sharp((early - late) / (2 * DELAY_STEP_S))
+    def delay(self, firings: Firings, span_s=(DELAY_STEP_S, -DELAY_STEP_S)) -> np.ndarray:
+        """Change (n, 3, 1) rad s-1 of the attitude by the delay of firings over a span, smooth torque projected out."""
+        early, late = (self.after(firings.time - delay, firings.impulse_b[:, :, None]) for delay in span_s)
+        return self.sharp((early - late) / (span_s[0] - span_s[1]))
 
     def heads(self, heads: list[int]) -> np.ndarray:
         """Derivatives (n, 3, 3 h) of the attitude by an offset rad on each axis of h cameras while in use."""

@@ -10,7 +10,7 @@ import xarray as xr
 from gravcal.calibrations.align import POINTING_S, WHOLE_S
 from gravcal.calibrations.causes import LateTags, listed, of_late_orbit, unknown
 from gravcal.calibrations.thrusters import estimate, model
-from gravcal.calibrations.thrusters.model import Firings, Segment
+from gravcal.calibrations.thrusters.model import DELAY_STEP_S, Firings, Segment
 from gravcal.effects import Context, effect
 from gravcal.estimation.records import Block, Candidate, Entry, Observations, Parameter, Reported
 from gravcal.estimation.resampling import lines_between
@@ -70,11 +70,16 @@ class Attitude(Observations):
     def signals(self) -> list[Candidate]:
         """Candidates with columns (n, 3, q) rad of the attitude in every block, not whitened."""
         segments, firings = [row.segment for row in self.rows], self.firings
-        gain = estimate.gains_alone(self.rows, firings)
         if self.late:  # firings are not where tagged: only delays are causes, columns the whole effect over `late`
+            gain = estimate.gains_alone(self.rows, firings)
             whole = [segment.gains(firings) @ gain[:, None] / self.late for segment in segments]
             return [unweighed(effect(slug), [sign * one for one in whole]) for slug, sign in DELAYS.items()]
-        by_delay = [segment.delay(Firings(firings.time, firings.impulse_b * gain)) for segment in segments]
+        heads = model.heads_of(segments)[:-1]
+        steps = [segment.heads(heads) for segment in segments]
+        whitened = [row.whiten(one) for row, one in zip(self.rows, steps, strict=True)]
+        value, delay, *_ = estimate.joint_fit(self.rows, firings, whitened)
+        span = (delay, 0.0) if DELAY_STEP_S < abs(delay) < LATE_S else (DELAY_STEP_S, -DELAY_STEP_S)
+        by_delay = [segment.delay(Firings(firings.time, firings.impulse_b * value[:3]), span) for segment in segments]
         constant, mounting = effect("torque.constant"), effect("attitude.star_camera_misalignment")
         contexts = [Context(time=segment.camera.time) for segment in segments]
         by_torque = [s.after_torque(constant.columns(one)) for s, one in zip(segments, contexts, strict=True)]
@@ -87,10 +92,8 @@ class Attitude(Observations):
         ]
         quality = [segment.camera.quality[:, None, None] * np.eye(3) for segment in segments]
         causes.append(unknown("star_camera_quality", "attitude follows qual_rss", quality, "1"))
-        heads = model.heads_of(segments)[:-1]
         if heads:
             names = [f"{axis}_of_{head}" for head in heads for axis in "xyz"]
-            steps = [segment.heads(heads) for segment in segments]
             causes.append(unknown("star_camera_in_use", "attitude steps", steps, "rad", names))
             causes += self._by_the_heads(segments)
         if self.records.twin is not None:

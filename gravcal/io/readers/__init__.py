@@ -179,7 +179,9 @@ YAML_END = b"# End of YAML header\n"
 LABEL_END = re.compile(rb"END OF HEADER *\r?\n")
 HEADER_LIMIT = 8_000_000  # bytes in which the end of a header has to come
 DEEPEST = 20  # levels; headers have five
-KEPT = ("title", "summary", "source", "institution", "processing_level", "product_version", "software_version")
+STOP = "stop_time_epoch_secs"
+KEPT = ("title", "summary", "source", "institution", "processing_level", "product_version", "software_version", STOP)
+CUT_S = 60.0  # s before the stop that its header states, from which on a file with less records ends too early
 NOT_A_NUMBER = re.compile(r"[+-]?nan(\(.*\))?", re.IGNORECASE)
 TRUNCATED = "The file is cut: fetch it again."
 DAMAGED = "The file is damaged or of another layout: fetch it again, or correct the line."
@@ -248,6 +250,7 @@ def _label_header(data, where):  # Header of 80-column lines "label : value"
     binary = labels.get("FILE FORMAT 0=BINARY 1=ASCII") == "0"
     institution = "/".join(filter(None, (labels.get(f"PRODUCER {part}") for part in ("AGENCY", "INSTITUTION"))))
     notes = {"software_version": labels.get("SOFTWARE VERSION", ""), "institution": institution}
+    notes[STOP] = labels.get("TIME LAST OBS(SEC PAST EPOCH)", "")
     lines, satellite = data.count(b"\n", 0, end.end()), _letter(labels.get("SATELLITE NAME", ""))
     declared = int(declared) if re.fullmatch("[0-9]{1,18}", declared) else None
     product, notes = labels.get("FILENAME", "").rpartition("/")[2][:5], {k: v for k, v in notes.items() if v}
@@ -621,6 +624,9 @@ def read(source, product=None, *, expect_satellite=None, expect_date=None) -> xr
     attrs |= {"release": file.release, "file": file.name, "time_scale": table.time_scale, "records": len(flag)}
     if header.declared is not None:
         attrs["records_declared"] = header.declared
+    stop = re.match(r"[0-9]+[.]?[0-9]*", header.notes.get(STOP, ""))
+    if stop and len(flag) < (header.declared or 0) and seconds.max(initial=0) < float(stop[0]) - CUT_S:
+        attrs["cut"] = f"{file.name} {len(flag)} {header.declared}"
     if header.satellite and header.satellite != satellite:
         attrs["header_satellite"] = header.satellite
     attrs |= {"table_tested": str(table.sampled).lower()}

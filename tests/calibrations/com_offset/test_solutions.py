@@ -143,18 +143,13 @@ def drawn(rng, information, own):
     return {"mtq": shared, "acc_calibrated": shared, "acc": shared, "sca": mine}
 
 
-def own_modes(dataset):
-    """The same equations with modes of single manoeuvres, none of the catalogue."""
-    none = np.zeros(dataset.sizes["mode_index"])
-    return dataset.assign(mode_shared=("mode_index", none), mode_catalogue=("mode_index", none))
-
-
 def test_agreement_of_measured_variants_is_a_chi_square():
     """Recovery: 150 draws, acc and sca share noise, sca has errors of its own; p uniform (Kolmogorov-Smirnov, 1e-4)."""
     rng, found = seeds.generator("test_agreement_of_measured_variants_is_a_chi_square", 1e-4), []
     A = rng.standard_normal((5, 20, 3)) * 1e5
     information = np.swapaxes(A, 1, 2) @ A
-    own = 4e-6 * rng.standard_normal((5, 6, 3))
+    own, zero = 4e-6 * rng.standard_normal((5, 6, 3)), ("mode_index", np.zeros(6))
+    own_modes = lambda one: one.assign(mode_shared=zero, mode_catalogue=zero)  # noqa: E731 - of single manoeuvres
     for _ in range(150):
         offsets = drawn(rng, information, own)
         combined = four(lambda v, o=offsets: own_modes(solved(v, o[v], information, own * (v == "sca"))))
