@@ -71,6 +71,8 @@ def source(calibration, event, data, satellite, date):
     """Source of one event: of the catalogue by its name, or in a folder (data) of a satellite and day, if stated."""
     if (event is None) == (data is None):
         raise typer.BadParameter("give an EVENT of the catalogue or a folder with --data, one of the two")
+    if event is not None and Path(event).is_dir():
+        raise typer.BadParameter(f"{event} is a folder and no event; give it as --data {event}")
     if event is not None and (satellite or date):
         raise typer.BadParameter("--satellite and --date belong to --data; an EVENT says them itself")
     one = record(calibration)

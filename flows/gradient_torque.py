@@ -120,7 +120,7 @@ def values(document):
     """`results.Value` in m s-2 of each drag solution: rms of total sigma and, where the truth is known, rms error."""
     for name, one in (document.get("drag") or {}).items():
         label = name.replace("_", " ")
-        yield results.Value("", label, "m s-2", one.get("sigma_total_rms"), None, None)
+        yield results.Value("", f"{label} sigma", "m s-2", one.get("sigma_total_rms"), None, None)
         if one.get("rms_error") is not None:
             yield results.Value("", f"{label} error", "m s-2", one["rms_error"], None, None)
 

@@ -32,7 +32,7 @@ def grid(rows, columns, height_in, *, xlabel="", ylabels=(), titles=(), margins=
     figure = Figure(figsize=(WIDTH_IN, height_in))
     FigureCanvasAgg(figure)
     panels = figure.subplots(rows, columns, squeeze=False, **options)
-    ends = {"left": 0.085, "right": 0.99, "top": 1 - 0.36 / height_in, "bottom": 0.38 / height_in}
+    ends = {"left": 0.085, "right": 0.98, "top": 1 - 0.36 / height_in, "bottom": 0.38 / height_in}
     figure.subplots_adjust(**(ends | (margins or {})))
     for panel in panels[-1]:
         panel.set_xlabel(xlabel)

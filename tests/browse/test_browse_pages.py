@@ -204,7 +204,7 @@ def test_printed_values_come_in_our_units():
     assert found["bias z"].value == 2.9887e-6  # m s-2
     assert found["bias z"].date.isoformat() == "2022-08-01T00:00:00"
     orders = {panel: value for panel, (value, _) in timeline.levels(load("gradient_torque")).items()}
-    assert orders == dict.fromkeys(("two sensor", "one sensor", "one sensor published"), 1e-13)
+    assert orders == dict.fromkeys(("two sensor sigma", "one sensor sigma", "one sensor published sigma"), 1e-13)
     assert timeline.levels(load("com_offset")) == {}
     assert timeline.printed_points(load("gradient_torque"), "S") == []
 

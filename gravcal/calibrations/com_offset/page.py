@@ -467,7 +467,7 @@ def _rows(detected, titles, height_in):
     """Figure and its panels side by side, one row in each for every manoeuvre, labelled at the left."""
     count = detected.sizes["manoeuvre"]
     names = [f"{i + 1} {KINDS[int(kind)]}" for i, kind in enumerate(detected["kind"].values)]
-    look = {"xlabel": FROM_EDGE, "titles": titles, "margins": {"wspace": 0.14, "right": 0.95}}
+    look = {"xlabel": FROM_EDGE, "titles": titles, "margins": {"wspace": 0.22, "right": 0.95}}
     figure, (panels,) = grid(1, len(titles), 0.75 + height_in * count, sharey=True, **look)
     panels[0].set_yticks(-np.arange(count), names)
     panels[0].set_ylim(-count + 0.45, 0.55)

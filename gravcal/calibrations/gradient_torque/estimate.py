@@ -12,7 +12,6 @@ from gravcal.physics.dynamics import gravity_gradient_torque
 from gravcal.physics.frames import cross_matrix
 from gravcal.physics.sensing import offset_tensor
 
-VARIANTS = ("two_sensor", "one_sensor_published", "one_sensor")
 SOURCES = ("sensor noise", "attitude and rates", "gravity prior", "places")
 SAMPLES, LEAST_KNOTS, MOST_KNOTS = 30, 5, 24  # means for each knot of the torque spectrum; least, most knots
 NODES, ORDER, DRAWS = 512, 30, 24  # frequencies of a density, order of its autoregressive model; densities drawn
@@ -30,9 +29,10 @@ def drag(
     control_damping: float,
     satellite: dict,
 ) -> xr.Dataset:
-    """Product "gradient_torque.drag" of one of VARIANTS, with ".clean" behind for noise-free simulated readings.
+    """Product "gradient_torque.drag" of a method, with ".clean" behind for noise-free simulated readings.
 
-    control_hz and control_damping are the law of the attitude control; 0 Hz: not known, no torque balance.
+    Methods: "two_sensor", "one_sensor", "one_sensor_published". The law of the attitude control is control_hz (0: not
+    known, no torque balance) and control_damping.
 
     Notes
     -----

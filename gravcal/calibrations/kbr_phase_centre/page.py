@@ -340,7 +340,7 @@ def _series(solved):
     chosen = [own[0] for own in chosen if own.size]
     if not chosen or not range_solution["time_kbr"].size:
         return None
-    figure, panels = grid(3, len(chosen), 5.0, xlabel="s", margins={"wspace": 0.14, "hspace": 0.36})
+    figure, panels = grid(3, len(chosen), 5.0, xlabel="s", margins={"wspace": 0.2, "hspace": 0.36})
     for row, name in zip(panels, OBSERVABLES, strict=True):
         solution, (unit, factor) = solved[name], UNITS[name]
         for panel, k in zip(row, chosen, strict=True):
@@ -356,7 +356,8 @@ def _series(solved):
                 panel.plot(*thinned(*opened(time - time[0], values, 20)), label=label, **style)
             letter = solution.attrs["satellites"][int(solution["satellite_index"].values[k])]
             axis = tuple(STYLES["angles"])[int(solution["axis_index"].values[k])]
-            panel.set_title(f"{TITLES[name]}, {unit}: {letter} {axis}, difference × {power}")
+            magnified = f", difference × {power}" if power > 1 else ""
+            panel.set_title(f"{TITLES[name]}, {unit}: {letter} {axis}{magnified}")
     return figure
 
 

@@ -93,10 +93,9 @@ def align(
     time, state = usable(orbit, STATE)
     if not time.size or np.ptp(time) < 3 * ORBIT_STEP_S:
         refuse("GNV1B", f"{time.size} usable positions", "minutes of them", "Give a longer record.", EstimationError)
-    position, velocity = state[:, :3], state[:, 3:]
-    inertial, velocity_i = earth.state_to_inertial(time, position, velocity)
+    inertial, velocity_i = earth.state_to_inertial(time, state[:, :3], state[:, 3:])
     every = slice(None, None, max(int(round(ORBIT_STEP_S / np.median(np.diff(time)))), 1))
-    field_e = magnetic.field_e(time[every], position[every], igrf_generation)
+    field_e = magnetic.field_e(time[every], state[every, :3], igrf_generation)
     aligned |= {"time_orbit": time[every], "position_i": inertial[every]}
     aligned |= {"field_i": np.matvec(np.swapaxes(earth.R_ei(time[every]), 1, 2), field_e)}
     return build(SCHEMAS["align"], aligned | {"velocity_error": checks.velocity_error(time, inertial, velocity_i)})

@@ -317,7 +317,7 @@ def fly(seed, effects=None, nongravitational=None, **settings):
     return simulation.simulate(SATELLITE, chosen, FIELD, DAY, seed, by_slug(effects or {}), nongravitational)
 
 
-def solve(columns, methods=estimate.VARIANTS, **settings):
+def solve(columns, methods=("two_sensor", "one_sensor_published", "one_sensor"), **settings):
     """Products gradient and drag, by the stages' own functions."""
     chosen = catalog.parameters("gradient_torque").with_settings({"field_degree": 20} | settings)
     modelled = model.gradient(observed(columns), STORED, satellite=SATELLITE, **chosen.for_stage("gradient"))
