@@ -240,14 +240,14 @@ def simulate(calibration, out, seed, truth, effect, settings, planned, json) -> 
     made = command.simulate(calibration, out, seed, truth, effect, settings)
     files = sorted(str(p) for p in out.iterdir() if p.is_file() and p != truth and p.stat().st_mtime >= begun)
     whose = {name: made[name] for name in ("satellite", "date") if made.get(name)}
-    run = shlex.join(["gravcal", "run", calibration, "--data", str(out), *(f"--{n}={v}" for n, v in whose.items())])
-    document = {"calibration": calibration, "folder": str(out), "seed": seed, "files": files, "run": run}
+    then = shlex.join(["gravcal", "run", calibration, "--data", str(out), *(f"--{n}={v}" for n, v in whose.items())])
+    document = {"calibration": calibration, "folder": str(out), "seed": seed, "files": files, "run": then}
     if output.delivered(document, json):
         kinds = ", ".join(dict.fromkeys(Path(one).name.partition("_")[0] for one in files))
         size = sum(Path(one).stat().st_size for one in files) / 1e6
         said = f"{len(files)} Level-1 files of an invented event ({' '.join(whose.values())}) in {out}, {size:.1f} MB"
         output.say(f"{said}: {kinds}" + (f"\ntruth in {truth}; no run reads it" if truth else ""))
-        output.say(f"calibrate: {run}")
+        output.say(f"calibrate: {then}")
 
 
 @command_of(app)

@@ -231,8 +231,8 @@ class Place:
                 break
         means = {}
         for column in zip(*rows, strict=True):
-            known = [(v.sigma, v.value - true) for v, true in column if v.sigma is not None]
-            mean = np.sqrt(np.mean(np.square(known), axis=0)).tolist() if len(known) == len(rows) else (None, None)
+            pairs = [(v.sigma, v.value - true) for v, true in column if v.sigma is not None]
+            mean = np.sqrt(np.mean(np.square(pairs), axis=0)).tolist() if len(pairs) == len(rows) else (None, None)
             means[column[0][0].label] = *mean, column[0][0].unit
         return means, {pair: float(np.mean([one[pair] for one in chi2])) for pair in itertools.combinations(causes, 2)}
 

@@ -84,7 +84,7 @@ class Call:
 
 
 def stage(*, reads, writes, version, also=()):
-    """Decorator that makes a stage of a function: kinds read, kind written, version of its numbers, also in its key."""
+    """Decorator that makes a stage of a function: kinds read, kind written, version; also: modules in its key."""
 
     def decorate(body):  # Stage
         decorated = Stage(body, tuple(reads), writes, version, tuple(also))

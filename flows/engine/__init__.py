@@ -185,7 +185,7 @@ def remake(entry):
 
 
 def _remade(key, original, stages, done):
-    """ProductRef remade once by the record in the store `original`; to `stages`: {"stage", "verdict", "why"}."""
+    """ProductRef of a key, made again once (`done`) by its record in the store `original`; its verdict to `stages`."""
     if key in done:
         return done[key]
     record = store.read_record(original / "objects" / key[:2] / key)

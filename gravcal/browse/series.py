@@ -233,7 +233,7 @@ def spectrum(whole):
     uneven, known = np.abs(np.diff(x) / _typical(x) - 1) > 0.01, np.isfinite(y)
     cuts = np.flatnonzero(uneven | ~known[1:] | ~known[:-1]) + 1
     edges = np.concatenate([[0], cuts, [x.size]])
-    first, last = edges[(longest := int(np.argmax(np.diff(edges)))) : longest + 2].tolist()
+    first, last = max(itertools.pairwise(edges.tolist()), key=lambda ends: ends[1] - ends[0])
     count = last - first
     if count < 16:
         return np.empty(0), np.empty(0), "no even stretch of 16 samples"

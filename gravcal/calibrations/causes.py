@@ -40,11 +40,11 @@ def added_by(entry: Entry, channel: str, words: str, series: Iterable[tuple[str,
 
     Series are driver, form and values (n,), of a wave (n, 2); `words` are what the form of the entry begins with.
     """
-    total = np.zeros(3)
+    added = np.zeros(3)
     for driver, form, values in series:
         if (entry.cause, entry.form) == (f"unknown:{driver}", f"{words}{form}"):
-            total = on_axes(values) @ [entry.values.get(name, 0.0) for name in along(channel, values.ndim > 1)]
-    return total
+            added = on_axes(values) @ [entry.values.get(name, 0.0) for name in along(channel, values.ndim > 1)]
+    return added
 
 
 def on_axes(series: np.ndarray) -> np.ndarray:

@@ -140,10 +140,10 @@ def disagreement(grams: np.ndarray, baseline: np.ndarray, place: slice, size: np
     fixed = np.append(0, baseline)
     joined[:first, :first] = grams.sum(axis=0)[np.ix_(fixed, fixed)]
     for k, one in enumerate(acting):
-        at = slice(first + k * width, first + (k + 1) * width)
-        joined[at, at] = one[np.ix_(index, index)]
-        joined[:first, at] = one[np.ix_(fixed, index)]
-        joined[at, :first] = joined[:first, at].T
+        own = slice(first + k * width, first + (k + 1) * width)
+        joined[own, own] = one[np.ix_(index, index)]
+        joined[:first, own] = one[np.ix_(fixed, index)]
+        joined[own, :first] = joined[:first, own].T
     scale = np.concatenate([np.ones(first), *(np.sqrt(np.diag(g)[index]) for g in acting)])
     separate = ratio(projected(joined, np.arange(1, first)), slice(first, joined.shape[0]), scale)
     common = ratio(projected(grams.sum(axis=0), baseline), place, size)

@@ -731,8 +731,8 @@ def jump_columns(count: int, places: Sequence[int]) -> np.ndarray:
 def jump(series: np.ndarray, known: Sequence[int] = ()) -> int | None:
     """Index of the clearest jump in a series (n,) that is not near a known one, None where there is none.
 
-    The mean of the bins after a bin less that of those before it, against the lower quartile of all such
-    differences, which red noise has as well and jumps hardly move. The fewest bins that show one tell best where it is.
+    Mean of the bins after one less that of those before, compared with the lower quartile of all such differences: a
+    robust measure of red noise, which jumps hardly move. The narrowest window with a jump places it best.
     """
     cumulative = np.cumsum(np.append(0.0, series))
     for side in (one for one in SIDES if series.size > 4 * one):

@@ -187,7 +187,7 @@ def orbital_rate(chosen) -> float:
 
 
 def electrostatic(time, quaternion, rate_b, rate_dot_b, state_i, truth: Truth, chosen) -> tuple[np.ndarray, np.ndarray]:
-    """Linear and angular acceleration (n, 3) that hold the test mass in its cage, without noise.
+    """Linear m s-2 and angular acceleration rad s-2 (n, 3) that hold the test mass, without noise; states (n, 6) in i.
 
     f = a_ng + (M - G) p; torque / J = w' + J^-1 (w x J w - vex(J G - G J)); equations.md M1 and section 8.5. Drag acts
     against the flight, solar pressure along the normal of the orbit.

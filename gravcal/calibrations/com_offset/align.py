@@ -63,18 +63,18 @@ def find_waves(time: np.ndarray, current: np.ndarray, rod: int, settings: dict) 
     half = settings["period_s"] / 2
     slack = settings["period_tolerance_s"] + step
     waves, group = [], []
-    for run in plateaus(time, current, settings["current_threshold_ma"], 3 * step):
-        fits = abs(time[run[1]] - time[run[0]] + step - half) <= slack
+    for first, last, mean in plateaus(time, current, settings["current_threshold_ma"], 3 * step):
+        fits = abs(time[last] - time[first] + step - half) <= slack
+        previous, _, before = group[-1] if group else (0, 0, 0.0)
         follows = (
-            bool(group)
-            and group[-1][2] * run[2] < 0
-            and abs(abs(run[2]) - abs(group[-1][2])) < 0.3 * abs(group[-1][2])
-            and abs(time[run[0]] - time[group[-1][0]] - half) <= slack
+            before * mean < 0
+            and abs(abs(mean) - abs(before)) < 0.3 * abs(before)
+            and abs(time[first] - time[previous] - half) <= slack
         )
         if not (fits and follows):
             waves.append(group)
             group = []
-        group = [*group, run] if fits else []
+        group = [*group, (first, last, mean)] if fits else []
     waves.append(group)
     return [_wave(time, rod, g, step) for g in waves if len(g) >= settings["minimum_half_periods"]]
 
@@ -130,7 +130,7 @@ def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
 
 
 def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
-    """Everything that the solution needs, on GPS time, round each manoeuvre: an "align".
+    """Product "com_offset.align": Level-1 records on GPS time, round each manoeuvre.
 
     Without a manoeuvre the first `survey_s` of the record are taken as one window, so that field and attitude can be
     checked all the same. A manoeuvre in which orbit or star camera are missing for longer than their limit is marked
@@ -141,11 +141,11 @@ def align(*observed: xr.Dataset, **settings: float) -> xr.Dataset:
     spans = _spans(detected, acc, sca, mag, orbit, settings["margin_s"], settings["survey_s"])
     acc, sca, mag, orbit = (near_windows(one, spans) for one in (acc, sca, mag, orbit))
     parts, counts = {}, {}
-    linear = tuple(f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz")
-    acc = acc.assign({n: ("record", np.full(acc.sizes["record"], np.nan)) for n in linear if n not in acc})
+    readings = tuple(f"{kind}_accl_{axis}" for kind in ("lin", "ang") for axis in "xyz")
+    acc = acc.assign({n: ("record", np.full(acc.sizes["record"], np.nan)) for n in readings if n not in acc})
     field = tuple(f"Mfv{a}{suffix}" for a in "XYZ" for suffix in ("_RAW", "") if f"Mfv{a}{suffix}" in mag)
     sources = {
-        "acc": (acc, records.gps_tags(acc, tim1b, clk1b, settings["clock_gap_limit_s"]), linear),
+        "acc": (acc, records.gps_tags(acc, tim1b, clk1b, settings["clock_gap_limit_s"]), readings),
         "sca": (sca, own_tags(sca), records.QUATERNION),
         "mag": (mag, own_tags(mag), (*field, "current_b")),
         "orbit": (orbit, own_tags(orbit), records.STATE),

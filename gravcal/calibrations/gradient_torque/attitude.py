@@ -74,17 +74,17 @@ def axes(angle):
 
 
 def body_rates(angle, angle_dot, angle_ddot, rate_o, rate_dot_o):
-    """Rate and angular acceleration (n, 3) of the body against i, from its angles and the rates of the orbit frame.
+    """Rate rad s-1 and angular acceleration rad s-2 (n, 3) of the body against i, in b.
 
+    From angles (n, 3) rad with two derivatives, and the same (n, 3) of the orbit frame o, in o.
     w = E phi' + R_bo w_o; w' = E phi'' + E' phi' - (E phi') x (R_bo w_o) + R_bo w_o'.
     """
     E, R = axes(angle), R_bo(angle)
     carried = np.matvec(R, rate_o)
     relative = np.matvec(E, angle_dot)
-    first = np.zeros_like(angle)
-    first[:, 0] = angle_dot[:, 0]
-    second = first + E[:, :, 1] * angle_dot[:, 1:2]
-    axes_dot = -np.cross(first, E[:, :, 1]) * angle_dot[:, 1:2] - np.cross(second, E[:, :, 2]) * angle_dot[:, 2:3]
+    by_x = angle_dot * [1.0, 0.0, 0.0]  # rates after one turn and after two
+    by_y = by_x + E[:, :, 1] * angle_dot[:, 1:2]
+    axes_dot = -np.cross(by_x, E[:, :, 1]) * angle_dot[:, 1:2] - np.cross(by_y, E[:, :, 2]) * angle_dot[:, 2:3]
     rate_dot = np.matvec(E, angle_ddot) + axes_dot - np.cross(relative, carried) + np.matvec(R, rate_dot_o)
     return relative + carried, rate_dot
 

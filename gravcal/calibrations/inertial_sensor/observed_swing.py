@@ -124,8 +124,8 @@ class SwingView:
     def rate_dot_b(self) -> np.ndarray:
         """Angular acceleration (n, 3) rad s-2 at the epochs of the sensor.
 
-        It goes straight from bin to bin, as the voltages have it only where they change faster than their noise: of a
-        reversal the square of a mean is not the mean of squares, elsewhere their noise would stand in regressors.
+        Linear between bins. Where voltages change faster than their noise explains, at a reversal, it is that of the
+        voltages: the square of a mean is not the mean of squares. Elsewhere their noise would enter the regressors.
         """
         swing, beta = self.swing, self.unknowns.factors[fits.OWNER]
         number = np.clip(np.searchsorted(swing.edges, swing.time, side="right") - 1, 0, swing.edges.size - 2)

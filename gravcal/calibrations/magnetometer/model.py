@@ -152,7 +152,7 @@ def noise(field: Field, step: float, columns: list[np.ndarray], order: int, floo
     """Noise model of each axis from its residual beside all columns, (n, 3, q) each, never below a floor T.
 
     Minutes of data have no quiet part of their own: the noise is that of the residual of the widest model, so that it
-    is the same under every hypothesis. It has `order` coefficients, fewer in a short record, at a step of so many s.
+    is the same under every hypothesis. It has `order` coefficients, fewer for a short record; step s of its grid.
     """
     place, models = placed(field.time, step), []
     for axis in range(3):

@@ -67,10 +67,10 @@ def arc(kind: str, latitude_class: str, heading: int, about: tuple, latitude: fl
     `about` are principal moments (3,) kg m2, dipole of a rod A m2, generation of the IGRF.
     """
     moments, dipole, generation = about
-    rod, middle, longitude = AREAS[kind, latitude_class]
+    rod, middle, longitude_deg = AREAS[kind, latitude_class]
     latitude = middle if latitude is None else latitude
     time = np.arange(-LENGTH_S / 2, LENGTH_S / 2, STEP_S)
-    longitude, height = np.full(time.size, np.radians(longitude)), np.full(time.size, HEIGHT_M)
+    longitude, height = np.full(time.size, np.radians(longitude_deg)), np.full(time.size, HEIGHT_M)
     position = earth.position_from_geodetic(np.radians(latitude) + SPEED * time, longitude, height)
     field_e = magnetic.field_e(EPOCH + time, position, generation)
     north_east_down = np.matvec(earth.R_en_from_position(position).swapaxes(1, 2), field_e)

@@ -50,20 +50,20 @@ def observe(
 
 
 def late_columns(rows: xr.Dataset) -> dict[str, np.ndarray]:
-    """Columns {slug: (n, 1)} m s-1 of the range by a delay, secants over all of it, of tags off by more than LATE_S.
+    """{slug: (n, 1) m s-1}: change of the range by a second of delay, over all of it, for tags off by more than LATE_S.
 
     Nothing else can be separated in records of different times. Lines of sight by late star cameras are those of a
     satellite turned by degrees, so that their antenna correction is all error.
     """
-    ranging, cameras = rows["late"].values[0], rows["late"].values[1:3]
-    camera = np.mean(cameras[np.abs(cameras) > LATE_S]) if np.max(np.abs(cameras)) > LATE_S else 0.0
+    ranging_s, cameras_s = rows["late"].values[0], rows["late"].values[1:3]
+    camera_s = np.mean(cameras_s[np.abs(cameras_s) > LATE_S]) if np.max(np.abs(cameras_s)) > LATE_S else 0.0
     time, distance, columns = rows["time"].values, rows["range"].values, {}
-    if abs(ranging) > LATE_S:
+    if abs(ranging_s) > LATE_S:
         range_at = CubicHermiteSpline(time, distance, rows["range_rate"].values)
-        moved = np.clip(time + ranging, time[0], time[-1])
-        columns["ranging.delay"] = (distance - range_at(moved))[:, None] / ranging
-    if camera:
-        columns["timing.star_camera_delay"] = rows["correction"].values[:, None] / camera
+        moved = np.clip(time + ranging_s, time[0], time[-1])
+        columns["ranging.delay"] = (distance - range_at(moved))[:, None] / ranging_s
+    if camera_s:
+        columns["timing.star_camera_delay"] = rows["correction"].values[:, None] / camera_s
     return columns
 
 

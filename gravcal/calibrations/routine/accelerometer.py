@@ -110,7 +110,7 @@ def _torquers(mag, ends, dipole_per_current):
 
 
 def _firings(fired):
-    """Begin (k,) s of every firing of "ingest" of THR1B or None, and time on (k, 6) s of each pair of thrusters."""
+    """{"firing": begin (k,) s, "on": seconds (k, 6) of each pair} of thrusters in "ingest" of THR1B; empty for None."""
     if fired is None:
         return {"firing": np.zeros(0), "on": np.zeros((0, 6))}
     names = [name for name in fired.data_vars if name.startswith("on_time")][:12]

@@ -71,8 +71,8 @@ def joint_fit(rows: list[Rows], firings: Firings, steps: list[np.ndarray]) -> tu
         by_delay = [row.whiten(row.segment.delay(Firings(corrected.time, corrected.impulse_b * gain))) for row in rows]
         columns = [np.concatenate(one, axis=1) for one in zip(by_gain, by_delay, steps, strict=True)]
         reduced = [row.less(c) for row, c in zip(rows, columns, strict=True)]
-        for left, whole in zip(reduced, columns, strict=True):  # nothing but rounding, as of a camera used all the time
-            left[:, np.linalg.norm(left, axis=0) < 1e-7 * np.linalg.norm(whole, axis=0)] = 0.0
+        for kept, whole in zip(reduced, columns, strict=True):  # nothing but rounding, as of a camera used all the time
+            kept[:, np.linalg.norm(kept, axis=0) < 1e-7 * np.linalg.norm(whole, axis=0)] = 0.0
         right = np.stack([c.T @ row.observed for row, c in zip(rows, reduced, strict=True)])
         information = np.stack([c.T @ c for c in reduced])
         value = least_squares.stable_inverse(information.sum(axis=0)) @ right.sum(axis=0)
@@ -129,11 +129,11 @@ def estimate(
     angle(t) = sum_k R(t - t_k + delay) diag(gain) L_k + smooth(t) + step of the camera in use; R of
     `model.impulse_response`, L_k lever arm x force x time on. Linear in all but the delay, by Gauss and Newton.
     """
-    one = model.records(aligned)
-    rows = rows_of(one.camera, model.noise_of(measured), inertia, block_s=block_s, knot_s=knot_s)
-    time = one.camera.time
-    inside = (one.firings.time > time[0]) & (one.firings.time < time[-1])
-    firings = Firings(one.firings.time[inside], one.firings.impulse_b[inside])
+    day = model.records(aligned)
+    rows = rows_of(day.camera, model.noise_of(measured), inertia, block_s=block_s, knot_s=knot_s)
+    time = day.camera.time
+    inside = (day.firings.time > time[0]) & (day.firings.time < time[-1])
+    firings = Firings(day.firings.time[inside], day.firings.impulse_b[inside])
     heads = model.heads_of([row.segment for row in rows])[:-1]
     steps = [row.whiten(row.segment.heads(heads)) for row in rows]
     value, delay, columns, information, right = joint_fit(rows, firings, steps)
@@ -141,9 +141,9 @@ def estimate(
     group = np.arange(len(rows)) * parts // len(rows)
     groups = [group == number for number in np.unique(group)]
     information, right = (np.stack([each[g].sum(axis=0) for g in groups]) / factor for each in (information, right))
-    normal, side, rest = information.sum(axis=0), right.sum(axis=0), slice(len(NAMES), None)  # steps of the cameras
+    normal, side, of_cameras = information.sum(axis=0), right.sum(axis=0), slice(len(NAMES), None)
     chi2 = factor * side @ least_squares.stable_inverse(normal) @ side  # gain of all, less that of the camera steps
-    chi2 -= factor * side[rest] @ least_squares.stable_inverse(normal[rest, rest]) @ side[rest]
+    chi2 -= factor * side[of_cameras] @ least_squares.stable_inverse(normal[of_cameras, of_cameras]) @ side[of_cameras]
     right += information[:, :, 3] * (delay - value[3])  # the last step of the delay was about this one
     prior_sigma = [effect("torque.thruster_firings").parameters[0].prior_sigma] * 3
     prior_sigma += [effect("timing.thruster_delay").parameters[0].prior_sigma]
