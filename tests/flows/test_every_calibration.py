@@ -308,7 +308,7 @@ def test_nothing_is_simulated_into_a_folder_of_others(tmp_path):
     kept = tmp_path / "KBR1B_2020-02-05_Y_04.txt"
     kept.write_text("header:\n# End of YAML header\n")
     with pytest.raises(ProductError, match=kept.name):
-        command.simulate(next(iter(SMALL)), tmp_path, (1, tmp_path / "truth.json"), None, None)
+        command.simulate(next(iter(SMALL)), tmp_path, 1, tmp_path / "truth.json", None, None)
     assert list(tmp_path.iterdir()) == [kept]
 
 
