@@ -33,19 +33,19 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     quiet = (start - day) % chosen.quiet_every_s < chosen.quiet_s
     start = np.round(start[(start < day + chosen.duration_s - 2.0) & ~quiet], 6)
     axis, on_ms = rng.integers(0, 3, start.size), rng.integers(*chosen.on_time_ms, start.size)
-    torque, thrusters = _torques(satellite), np.zeros((start.size, 12), dtype=bool)
+    torque = np.cross(np.array(satellite["thruster_position"])[:12], np.array(satellite["thruster_force"])[:12])  # N m
+    thrusters = np.zeros((start.size, 12), dtype=bool)
     main_axis, sense = np.argmax(np.abs(torque), axis=1), np.sign(torque)
     for one in range(3):
         of_axis = np.flatnonzero(axis == one)
         for k, row in enumerate(of_axis):
             thrusters[row] = (main_axis == one) & (sense[:, one] == (1, -1)[k % 2])
         on_ms[of_axis[1::2]] = on_ms[of_axis[: 2 * (of_axis.size // 2) : 2]]
-    time, quaternion = _flown(satellite, chosen, path, (start, thrusters, on_ms), gain, effects, day)
+    time, quaternion = _flown(satellite, chosen, path, (start, thrusters @ torque, on_ms), gain, effects, day)
     angle = added(effects, "pointing_b", Context(time=time))
     heads = 1 + ((time - day) // chosen.head_s).astype(int) % 2
     step = chosen.head_step_rad * rng.standard_normal(3)
-    angle = angle + (heads == 2)[:, None] * step
-    angle = angle + np.array(chosen.star_camera_noise_rad) * rng.standard_normal((time.size, 3))
+    angle = angle + (heads == 2)[:, None] * step + chosen.star_camera_noise_rad * rng.standard_normal((time.size, 3))
     measured = sensors.star_camera(quaternion, angle, rng)
     columns = {
         "SCA1B": sensors.attitude_columns(time, measured) | {"sca_id": heads},
@@ -57,23 +57,17 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     return columns, truth | {"camera_step_rad": step.tolist(), "effects": {s: dict(v) for s, v in effects.items()}}
 
 
-def _torques(satellite):
-    """Torque (12, 3) N m of each attitude thruster, thruster table."""
-    return np.cross(np.array(satellite["thruster_position"])[:12], np.array(satellite["thruster_force"])[:12])
-
-
 def _flown(satellite, chosen, path, firings, gain, effects, day):
     """Epochs (n,) s of the star camera and true attitude (n, 4) there."""
-    start, thrusters, on_ms = firings
+    start, torque_b, on_ms = firings
     nodes = np.arange(day - LEAD_S, day + chosen.duration_s + LEAD_S + 0.5)
     around = flight.environment(nodes, path, 1.0, chosen.igrf_generation)
     bound = np.unique(np.concatenate([nodes[:-1], start, start + 1e-3 * on_ms]))
     middle = (bound[:-1] + bound[1:]) / 2
     firing = np.searchsorted(start, middle) - 1
     burning = (firing >= 0) & (middle < start[firing] + 1e-3 * on_ms[firing])
-    torque = burning[:, None] * gain * (thrusters[firing] @ _torques(satellite))
     context = Context(time=middle, dipole_b=np.zeros((middle.size, 3)))
-    torque = torque + added(effects, "torque_b", context)
+    torque = burning[:, None] * gain * torque_b[firing] + added(effects, "torque_b", context)
     dipole = np.zeros((middle.size, 3)) + added(effects, "dipole_b", context)
     whole = np.isin(bound[:-1], nodes)
     steps = flight.Steps(bound, whole, np.zeros(middle.size, dtype=bool), np.zeros((middle.size, 3)))

@@ -58,12 +58,13 @@ def gains_alone(parts: list[Rows], firings: Firings) -> np.ndarray:
     return least_squares.stable_inverse(normal) @ sum(c.T @ p.observed for c, p in zip(columns, parts, strict=True))
 
 
-def joint_fit(rows: list[Rows], firings: Firings, steps: list[np.ndarray]) -> tuple:
-    """Gains, last step of the delay and camera steps (q,), delay s, and of every block columns, information and right.
+def joint_fit(rows: list[Rows], firings: Firings, heads: list[int]) -> tuple:
+    """(value (q,), delay s, columns by block, information, right) of a fit by Gauss and Newton.
 
-    Gauss and Newton; `steps` are the whitened columns (n, 3 h) of the camera steps of each block. Columns (n, q) are
-    whitened, information (blocks, q, q) and right (blocks, q) have the smooth torque projected out.
+    Value: gains, last step of the delay, steps of the cameras `heads`. Columns (n, q) are whitened; information
+    (blocks, q, q) and right side (blocks, q) have the smooth torque projected out.
     """
+    steps = [row.whiten(row.segment.heads(heads)) for row in rows]
     gain, delay = gains_alone(rows, firings), 0.0
     for _ in range(ITERATIONS):
         corrected = firings.late_by(delay)
@@ -135,8 +136,7 @@ def estimate(
     inside = (day.firings.time > time[0]) & (day.firings.time < time[-1])
     firings = Firings(day.firings.time[inside], day.firings.impulse_b[inside])
     heads = model.heads_of([row.segment for row in rows])[:-1]
-    steps = [row.whiten(row.segment.heads(heads)) for row in rows]
-    value, delay, columns, information, right = joint_fit(rows, firings, steps)
+    value, delay, columns, information, right = joint_fit(rows, firings, heads)
     factor, shifted = inflation(rows, columns, wrong_times(rows, firings.late_by(delay - value[3])))
     group = np.arange(len(rows)) * parts // len(rows)
     groups = [group == number for number in np.unique(group)]

@@ -140,8 +140,6 @@ def reference(time: np.ndarray, quaternion: np.ndarray) -> tuple[np.ndarray, np.
 def late(one: Records, inertia_b) -> int:
     """Whole seconds by which firings of records `one` are tagged late against the attitude, 0 where no lag stands out.
 
-    Notes
-    -----
     Matched filter: square of the correlation, by lag, of the rate with steps J^-1 L at firings, over its power.
     """
     camera, hold = one.camera, max(int(round(one.camera.step_s)), 1)
@@ -177,9 +175,6 @@ def impulse_response(inertia_b: np.ndarray, rate_b: np.ndarray, span_s: float) -
     """Attitude after a unit impulse about a steady turn: function of lag (...,) s -> (..., 3, 3) rad per N m s.
 
     The rate_b (3,) rad s-1 is that of the turn, span_s the longest lag.
-
-    Notes
-    -----
     angle' = -w x angle + dw, J dw' = -(w x J dw) - (dw x J w): equations.md M2, first order about a constant rate.
     """
     lag_s = np.arange(0.0, span_s + 40.0, 10.0)  # nodes each 10 s: the turn is slow, 1e-3 rad s-1

@@ -43,8 +43,9 @@ def observe(
     rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
     late = late if abs(late) > LATE_S else 0
     delays = {slug: Parameter(float(sign * late), WHOLE_S, "s") for slug, sign in DELAYS.items() if late}
-    about = late, records.firings.late_by(late), delays, products.get("heads")
-    return Attitude(products["align"], records, rows, *about)
+    return Attitude(
+        products["align"], records, rows, late, records.firings.late_by(late), delays, products.get("heads")
+    )
 
 
 @dataclass(frozen=True)
@@ -76,8 +77,7 @@ class Attitude(Observations):
             return [unweighed(effect(slug), [sign * one for one in whole]) for slug, sign in DELAYS.items()]
         heads = model.heads_of(segments)[:-1]
         steps = [segment.heads(heads) for segment in segments]
-        whitened = [row.whiten(one) for row, one in zip(self.rows, steps, strict=True)]
-        value, delay, *_ = estimate.joint_fit(self.rows, firings, whitened)
+        value, delay, *_ = estimate.joint_fit(self.rows, firings, heads)
         span = (delay, 0.0) if DELAY_STEP_S < abs(delay) < LATE_S else (DELAY_STEP_S, -DELAY_STEP_S)
         by_delay = [segment.delay(Firings(firings.time, firings.impulse_b * value[:3]), span) for segment in segments]
         constant, mounting = effect("torque.constant"), effect("attitude.star_camera_misalignment")
