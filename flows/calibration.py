@@ -173,7 +173,10 @@ class Calibration:
         """
         archive.check_own(out)
         chosen = catalog.parameters(f"simulate_{self.name}").with_settings(settings or {})
-        day = (datetime.fromisoformat(chosen.date) - EPOCH).total_seconds()
+        try:
+            day = (datetime.fromisoformat(chosen.date) - EPOCH).total_seconds()
+        except ValueError:
+            refuse(f"simulate_{self.name}: date", repr(chosen.date), "YYYY-MM-DD", "Correct it.", CatalogError)
         Path(out).mkdir(parents=True, exist_ok=True)
         if truth is not None:
             Path(truth).parent.mkdir(parents=True, exist_ok=True)

@@ -7,6 +7,8 @@ import numpy as np
 from numba import njit
 from scipy.special import i0
 
+from gravcal.errors import refuse
+
 
 @dataclass(frozen=True)
 class Resampler:
@@ -55,6 +57,8 @@ def lowpass_resampler(
 
 def operator_for(time, good, start: float, stop: float, lowpass_hz: float, half_width_s: float, step_s: float):
     """`lowpass_resampler` of samples (n,) of an arc, start to stop, to a grid of step_s, support inside; s and Hz."""
+    if lowpass_hz * step_s > 0.5:
+        refuse("lowpass_hz", f"{lowpass_hz:g} Hz", f"at most 1/(2 step_s), {0.5 / step_s:g} Hz", "Lower it or step_s.")
     grid = np.arange(np.ceil((start + half_width_s) / step_s) * step_s, stop - half_width_s, step_s)
     return lowpass_resampler(time, good, grid, lowpass_hz=lowpass_hz, half_width_s=half_width_s)
 
