@@ -173,10 +173,7 @@ class Calibration:
         """
         archive.check_own(out)
         chosen = catalog.parameters(f"simulate_{self.name}").with_settings(settings or {})
-        try:
-            day = (datetime.fromisoformat(chosen.date) - EPOCH).total_seconds()
-        except ValueError:
-            refuse(f"simulate_{self.name}: date", repr(chosen.date), "YYYY-MM-DD", "Correct it.", CatalogError)
+        day = (datetime.strptime(chosen.date, "%Y-%m-%d") - EPOCH).total_seconds()
         Path(out).mkdir(parents=True, exist_ok=True)
         if truth is not None:
             Path(truth).parent.mkdir(parents=True, exist_ok=True)

@@ -9,7 +9,6 @@ import datetime
 import shlex
 import shutil
 import sys
-import time
 import tomllib
 from enum import StrEnum
 from inspect import Parameter, Signature, signature
@@ -236,9 +235,11 @@ def watch(calibration, satellite, data, settings, workers, json) -> None:
 def simulate(calibration, out, seed, truth, effect, settings, planned, json) -> None:
     """Write the Level-1 files of an invented event; the truth goes to a file of its own that no run reads."""
     settings = [*(settings or []), *([f"design={planned}"] if planned else [])]
-    begun = int(time.time())
+    before = {path: path.stat().st_mtime_ns for path in out.glob("*")}
     made = command.simulate(calibration, out, seed, truth, effect, settings)
-    files = sorted(str(p) for p in out.iterdir() if p.is_file() and p != truth and p.stat().st_mtime >= begun)
+    aside = {made.get("series"), truth and truth.name}
+    new = (one for one in out.iterdir() if one.is_file() and one.name not in aside)
+    files = sorted(str(one) for one in new if before.get(one) != one.stat().st_mtime_ns)
     whose = {name: made[name] for name in ("satellite", "date") if made.get(name)}
     then = shlex.join(["gravcal", "run", calibration, "--data", str(out), *(f"--{n}={v}" for n, v in whose.items())])
     document = {"calibration": calibration, "folder": str(out), "seed": seed, "files": files, "run": then}
@@ -673,7 +674,7 @@ def main() -> None:
     engine.single_threaded()
     try:
         app()
-    except (OSError, GravcalError) as error:
+    except GravcalError as error:
         output.error(error)
         sys.exit(command.EXIT[command.status_of(error)])
     except Exception as error:  # noqa: BLE001

@@ -71,7 +71,7 @@ def source(calibration, event, data, satellite, date):
     """Source of one event: of the catalogue by its name, or in a folder (data) of a satellite and day, if stated."""
     if (event is None) == (data is None):
         raise typer.BadParameter("give an EVENT of the catalogue or a folder with --data, one of the two")
-    if event is not None and Path(event).is_dir():
+    if event is not None and event not in catalog.names("events") and Path(event).is_dir():
         raise typer.BadParameter(f"{event} is a folder and no event; give it as --data {event}")
     if event is not None and (satellite or date):
         raise typer.BadParameter("--satellite and --date belong to --data; an EVENT says them itself")
@@ -214,7 +214,7 @@ def simulate(calibration, out, seed, truth, effects, settings):
 
 def report_files(event, out, name=None):
     """Files of the last report of an event, operational or of an experiment, copied to a folder if one is given."""
-    links = [*store.links("*/*.report"), *store.links("*/as/*/*.report")]
+    links, latest = [*store.links("*/*.report"), *store.links("*/as/*/*.report")], location.folder() / "latest"
     of_event = [(link, folder) for link, folder in links if link.parent == location.links(event, name)]
     reports = [(link, store.read_record(folder)) for link, folder in of_event if store.find(folder.name)]
     if not reports:
@@ -223,7 +223,9 @@ def report_files(event, out, name=None):
             there = f"; experiments there: {', '.join(others)} (--as NAME)" if others else ""
             whose = f"experiment {name}" if name else "operational configuration"
             raise ProductError(f"event {event}: there is no report of the {whose} in {location.folder()}{there}.")
-        similar = difflib.get_close_matches(event, {link.parent.name for link, _ in links} - {event}, 3)
+        similar = difflib.get_close_matches(
+            event, {link.relative_to(latest).parts[0] for link, _ in links} - {event}, 3
+        )
         hint = f" Did you mean {', '.join(similar)}?" if similar else ""
         raise ProductError(f"event {event}: there is no report in {location.folder()}.{hint} Make it with gravcal run.")
     files = [link / name for link, record in reports for name in sorted([*record["files"], "product.nc"])]

@@ -288,6 +288,9 @@ def unexpected(problem):
     """Print any other error in one line, its traceback goes into a file; raised where GRAVCAL_DEBUG is set."""
     if os.environ.get("GRAVCAL_DEBUG"):
         raise problem
+    if isinstance(problem, OSError) and problem.filename:  # of a path that the user named
+        error(problem)
+        return
     where = location.folder() / "last-error.txt"
     try:
         where.parent.mkdir(parents=True, exist_ok=True)

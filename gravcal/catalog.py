@@ -430,7 +430,7 @@ class Parameters:
         for name, setting in settings.items():
             entry = self.entry(name)
             if isinstance(entry.value, tuple):
-                items = setting.split(",") if isinstance(setting, str) else np.atleast_1d(setting).tolist()
+                items = setting if isinstance(setting, (list, tuple)) else str(setting).split(",")
                 value = tuple(_scalar(item, (*entry.value, "")[0], entry, self.calibration) for item in items)
             else:
                 value = _scalar(setting, entry.value, entry, self.calibration)

@@ -20,6 +20,7 @@ import subprocess
 import sys
 import time
 import tomllib
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -172,7 +173,8 @@ def drain(url, flow_run, expected):
     """Wait until the server has recorded the end of ``expected`` tasks of a run (its id), at most DRAIN_LIMIT_S."""
     from prefect.events.worker import EventsWorker
 
-    EventsWorker.drain_all(timeout=DRAIN_LIMIT_S, at_exit=False)  # the next run has another server, unknown to these
+    with ThreadPoolExecutor() as thread:  # the next run has another server, unknown to these; a notebook has a loop
+        thread.submit(EventsWorker.drain_all, timeout=DRAIN_LIMIT_S, at_exit=False)
     question = {
         "flow_runs": {"id": {"any_": [str(flow_run)]}},
         "task_runs": {"state": {"type": {"any_": ENDED}}},

@@ -18,7 +18,7 @@ from gravcal.io.writers import header_lines, label_header
 
 SPACECRAFT = {f"GRACE{letter}": letter for letter in "ABCD"}
 EXPECTED = "time GRACEC VCM 3 x y z comment"
-LATEST_S = 1e11  # s, of a time: the calendar ends there
+LATEST_S = 6e10  # s, of a time, on either side: the calendar begins and ends beyond
 CALIBRATIONS = {"CMCAL": "com_offset", "KBRCAL": "kbr_phase_centre"}  # events that bound manoeuvres: 1 begin, 0 end
 
 

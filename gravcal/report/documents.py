@@ -42,7 +42,7 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
     products, Datasets, are those that the report reads.
     """
     origin = origins_together(one.attrs.get("origin", "") for one in products if one is not None) or MEASURED
-    for name, records, declared in map(str.split, listed("cut", products)):
+    for name, records, declared in (one.rsplit(None, 2) for one in listed("cut", products)):
         of_all = f"records of {name} over those that its header declares", int(records) / int(declared)
         checks = [*checks, checking.at_least(*of_all, 1.0, "1")]
     failed = [one for one in checks if not one.passed]

@@ -9,8 +9,6 @@ truth : plain dict, SI, um or mm where named so
 
 from collections.abc import Mapping
 
-import numpy as np
-
 from gravcal.effects import Context, catalogue, effect
 from gravcal.errors import CatalogError, refuse
 
@@ -24,7 +22,7 @@ def by_slug(strengths: Mapping[str, float] | None) -> dict[str, dict[str, float]
         if parameter not in known:
             expected = f"one of {', '.join(known)}"
             refuse(f"effect {slug}", f"parameter {parameter!r}", expected, "Correct the name.", CatalogError)
-        if not np.isfinite(value):
+        if not abs(value) < float("inf"):
             refuse(f"effect {name}", f"{value}", "a finite number", "Give its size in SI.", CatalogError)
         values.setdefault(slug, {})[parameter] = float(value)
     return values

@@ -101,6 +101,9 @@ def test_constraints_are_named_and_a_calibration_without_library_is_refused(tmp_
     path.write_text("rod = ['x']\n")
     with pytest.raises(GravcalError, match="rods"):
         flow.constraints("com_offset", path)
+    path.write_text("duration_s = 'long'\n")
+    with pytest.raises(GravcalError, match="duration_s: found 'long'; expected a number"):
+        flow.constraints("com_offset", path)
     with pytest.raises(GravcalError, match="com_offset or inertial_sensor or kbr_phase_centre"):
         flow.designed("gradient_torque", "S", "2026-03-01")
     with pytest.raises(GravcalError, match="an end after each begin"):

@@ -92,16 +92,13 @@ def test_a_curvature_alike_in_both_planes_is_told_from_x_by_where_the_antenna_is
     assert sigma[0] < 200  # of 100 mm that are known beforehand
 
 
-def _cube(_, channel, context):
-    return 4e-6 * (context.extra["angle"][:, 1, 0] / 0.05) ** 3 if channel == "range" else 0.0
-
-
 @pytest.mark.long
 def test_an_effect_in_no_list_follows_its_driver(rng, tmp_path):
     """Recovery: a cube of the pitch of B, made here: noticed, not given a catalogue name, its driver named."""
 
     def draw(seed, place):
-        with mock.patch.object(simulation, "added", _cube):
+        cube = lambda _, to, about: 4e-6 * (about.extra["angle"][:, 1, 0] / 0.05) ** 3 * (to == "range")  # noqa: E731
+        with mock.patch.object(simulation, "added", cube):
             folder, _ = written(place, seed, {})
         code, document = commands.document("discover", CALIBRATION, folder)
         found = document["findings"]

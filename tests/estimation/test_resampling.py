@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from gravcal.estimation.resampling import lowpass_resampler
+from gravcal.errors import ProductError
+from gravcal.estimation.resampling import lowpass_resampler, operator_for
 
 LOWPASS = {"lowpass_hz": 0.8, "half_width_s": 2.0}  # as the centre-of-mass calibration uses it
 
@@ -28,6 +29,8 @@ def test_a_constant_passes_unchanged_and_the_operator_is_a_matrix():
     good = (time > 0.4) & (time < 39.2)
     operator = lowpass_resampler(time, good, np.arange(2.5, 37.0, 0.37), **LOWPASS)
     assert operator.valid.all()
+    with pytest.raises(ProductError, match="at most 1/.2 step_s., 0.5 Hz"):
+        operator_for(time, good, 0.0, 40.0, **LOWPASS, step_s=1.0)
     for width in (1, 3, 20):
         columns = np.where(good[:, None], np.full((1, width), -1.3e-6), np.nan)
         assert_allclose(operator(columns), -1.3e-6, rtol=1e-13)  # rounding

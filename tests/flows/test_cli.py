@@ -63,7 +63,7 @@ def test_exit_codes_tell_what_happened(fakecal, capsys, monkeypatch, store_folde
 
 def test_simulate_passes_what_was_said_and_says_the_command_that_calibrates_it(fakecal, capsys):
     """Contract: seed, truth, effects and settings reach the simulator; a folder with a blank in quotation marks."""
-    out, truth = fakecal / "a day", fakecal / "t.json"
+    out, truth = fakecal / "a day", fakecal / "a day" / "t.json"
     options = ("--seed", 7, "--truth", truth, "--effect", "timing.accelerometer_delay.delay=0.5")
     assert gravcal("simulate", "fakecal", "--out", out, *options, "--set", "gain=3") == 0
     said = (out / "said.json").read_text()
@@ -94,6 +94,7 @@ def test_a_run_without_data_says_so(tmp_path, monkeypatch, capsys):
         path.unlink()
     assert capsys.readouterr().err.startswith("no data: ")
     assert gravcal("run", "com_offset", "--data", tmp_path / "absent", "--engine", "inline") == 1
+    assert gravcal("run", "com_offset", tmp_path, "--engine", "inline") == 2  # a folder and no event
     (tmp_path / "KBR1B_2020-02-01_Y_04.txt").write_text("")
     (tmp_path / "SCA1B_2020-02-01_C_04.txt").write_text("")
     assert gravcal("run", "com_offset", "grace-c-2020-02-01", "--engine", "inline") == 1  # some are there

@@ -59,7 +59,9 @@ def _track(orbit, date):
     """Times, latitude and longitude (deg, node at zero) of the day, every 10 s."""
     t = np.arange(2000.0, 84400.0, 10.0)
     x, y, z = orbit.solution(t)[:3]
-    longitude = np.unwrap(np.arctan2(y, x)) - earth.ROTATION * t - _greenwich(date)
+    matrix = earth.gcrs_to_earth(date, [0.0])[0] @ earth.intermediate_to_gcrs(earth.day_start(date))
+    greenwich = np.arctan2(matrix[0, 1], matrix[0, 0])  # rotation at midnight in the intermediate frame, to arc-minutes
+    longitude = np.unwrap(np.arctan2(y, x)) - earth.ROTATION * t - greenwich
     return t, np.degrees(np.arctan2(z, np.hypot(x, y))), np.degrees(longitude)
 
 
@@ -70,12 +72,6 @@ def _crossings(track, latitude_deg):
     k = np.flatnonzero(off[:-1] * off[1:] <= 0)
     part = off[k] / (off[k] - off[k + 1])
     return t[k] + 10 * part, longitude[k] + part * (longitude[k + 1] - longitude[k])
-
-
-def _greenwich(date):
-    """Earth rotation angle at midnight in the intermediate frame, rad (arc-minutes are enough here)."""
-    matrix = earth.gcrs_to_earth(date, [0.0])[0] @ earth.intermediate_to_gcrs(earth.day_start(date))
-    return np.arctan2(matrix[0, 1], matrix[0, 0])
 
 
 def _draw(rng, manoeuvres, crossings, node_deg, gap_s):

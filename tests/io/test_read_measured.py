@@ -39,12 +39,6 @@ def test_every_measured_file_reads_with_all_its_records():
     assert counted > 50
 
 
-def _numbers(file, name):
-    """Column of a text file as plain Python reads it."""
-    lines = file.path.read_text().partition("# End of YAML header\n")[2].splitlines()
-    return np.array([float(line.split()[name]) for line in lines])
-
-
 #: SRF (x, y, z) are the columns z, x, y of the file, linear and angular, without a change of sign.
 SRF = {"lin_accl_x": 8, "lin_accl_y": 6, "lin_accl_z": 7, "ang_accl_x": 11, "ang_accl_y": 9, "ang_accl_z": 10}
 
@@ -66,8 +60,9 @@ def test_numbers_are_those_of_the_text(product, columns):
     """Contract: bit for bit what Python's float makes of the token."""
     file = find(DAY, product, "C", "2023-06-01")
     observed = read(file)
+    lines = file.path.read_text().partition("# End of YAML header\n")[2].splitlines()
     for name, place in columns.items():
-        assert_array_equal(observed[name].values, _numbers(file, place))
+        assert_array_equal(observed[name].values, [float(line.split()[place]) for line in lines])
         assert columns is not SRF or observed[name].attrs["frame"] == "b"
 
 

@@ -123,9 +123,10 @@ def test_a_sequence_of_events_gives_calibrations_and_vectors_in_force(tmp_path):
     assert vcm.in_force(entries, "VKB", "D", 1e9) is None
     assert vcm.in_force(entries, "VCM", "C", 634060000.9) is None
     assert vcm.in_force(entries, "VCM", "C", 634060001.0).values == (90e-6, -87e-6, -3e-6)
-    path.write_text(SEQUENCE + "6 GRACEC CMCAL 2 1\n")
-    with pytest.raises(ProductError, match=r"line 14: .*found 1 values"):
-        vcm.read_sequence(path)
+    for wrong in ("6 GRACEC CMCAL 2 1\n", "-7e10 GRACEC CMCAL 1 1\n"):  # one value of two; a time before the calendar
+        path.write_text(SEQUENCE + wrong)
+        with pytest.raises(ProductError, match=r"line 14: .*found 1 values"):
+            vcm.read_sequence(path)
 
 
 def test_events_are_made_of_a_sequence_and_saved(tmp_path, monkeypatch):

@@ -67,6 +67,14 @@ def test_mass_inertia_and_arm_enter_the_factors_and_the_factors_the_bias(deliver
 
 
 @pytest.mark.usefixtures("shared_store")
+def test_a_detected_event_of_two_days_is_stored_with_both(both, tmp_path, monkeypatch):
+    """Contract: first and last day of its files, in the catalogue of the user."""
+    monkeypatch.setenv("GRAVCAL_CATALOG", str(tmp_path))
+    assert commands.gravcal("detect", "inertial_sensor", "--data", both[0], "--save") == 0
+    assert f"date = {SWING}\nend_date = {ROLL}\n" in next((tmp_path / "events").iterdir()).read_text()
+
+
+@pytest.mark.usefixtures("shared_store")
 @pytest.mark.parametrize("settings", [{"uniformity_limit": 1e-5}, {"segment_s": 4500.0}])
 def test_a_roll_of_few_good_segments_does_not_take_the_swing_with_it(both, settings):
     """Contract: swing delivered, bias null, the reason said; no segment uniform enough, or too few in all."""
