@@ -97,7 +97,7 @@ def test_an_effect_in_no_list_follows_its_driver(rng, tmp_path):
     """Recovery: a cube of the pitch of B, made here: noticed, not given a catalogue name, its driver named."""
 
     def draw(seed, place):
-        cube = lambda _, to, about: 4e-6 * (about.extra["angle"][:, 1, 0] / 0.05) ** 3 * (to == "range")  # noqa: E731
+        cube = lambda _, to, at: 4e-6 * (at.extra["angle"][:, 1, 0] / 0.05) ** 3 if to == "range" else 0.0  # noqa: E731
         with mock.patch.object(simulation, "added", cube):
             folder, _ = written(place, seed, {})
         code, document = commands.document("discover", CALIBRATION, folder)
