@@ -223,9 +223,8 @@ def report_files(event, out, name=None):
             there = f"; experiments there: {', '.join(others)} (--as NAME)" if others else ""
             whose = f"experiment {name}" if name else "operational configuration"
             raise ProductError(f"event {event}: there is no report of the {whose} in {location.folder()}{there}.")
-        similar = difflib.get_close_matches(
-            event, {link.relative_to(latest).parts[0] for link, _ in links} - {event}, 3
-        )
+        reported = {link.relative_to(latest).parts[0] for link, _ in links} - {event}
+        similar = difflib.get_close_matches(event, reported, 3)
         hint = f" Did you mean {', '.join(similar)}?" if similar else ""
         raise ProductError(f"event {event}: there is no report in {location.folder()}.{hint} Make it with gravcal run.")
     files = [link / name for link, record in reports for name in sorted([*record["files"], "product.nc"])]

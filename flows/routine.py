@@ -66,8 +66,10 @@ def _attempted(make, source, chosen):
 def _made(part, source, chosen):
     """{stage: ProductRef} of a part, with "discovery" if ``chosen.search``."""
     one, source, own = _owner(part, source, chosen)
-    made = OTHERS[part].made(source, own) if part in OTHERS else _estimated(source, own, _aligned(source, own))
-    if part not in OTHERS:
+    if part in OTHERS:
+        made = OTHERS[part].made(source, own)
+    else:
+        made = _estimated(source, own, _aligned(source, own))
         made = {"checks": routine.checks(made["estimate"], **own.for_stage("checks"))} | made
     return made | {"discovery": discover.searched(one, source, own)[0]} if chosen.search else made
 

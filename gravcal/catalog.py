@@ -431,7 +431,8 @@ class Parameters:
             entry = self.entry(name)
             if isinstance(entry.value, tuple):
                 items = setting if isinstance(setting, (list, tuple)) else str(setting).split(",")
-                value = tuple(_scalar(item, (*entry.value, "")[0], entry, self.calibration) for item in items)
+                example = entry.value[0] if entry.value else ""
+                value = tuple(_scalar(item, example, entry, self.calibration) for item in items)
             else:
                 value = _scalar(setting, entry.value, entry, self.calibration)
             changed[name] = replace(entry, value=value)

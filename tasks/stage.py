@@ -257,9 +257,8 @@ def _make(call, key, wanted, modules):  # ProductRef of the body's result; wante
         "versions": keys.versions(),
     }
     origin = _origin(call, contents, wanted.get("origin"), dataset.attrs.get("origin", ""))
-    cut = product.listed("cut", (*contents, dataset))  # files with fewer records than their headers declare
-    inherited = ({"origin": origin} if origin else {}) | ({"cut": "; ".join(cut)} if cut else {})
-    dataset = product.check(dataset, call.stage.writes).assign_attrs(inherited)
+    inherited = {"origin": origin, "cut": "; ".join(product.listed("cut", (*contents, dataset)))}  # of all inputs
+    dataset = product.check(dataset, call.stage.writes).assign_attrs({n: one for n, one in inherited.items() if one})
     if store.find(key) and not usable(key):
         store.set_aside(store.folder_of(key), "made again, for other versions had made it")
     return store.put(key, wanted, (dataset, files), facts)

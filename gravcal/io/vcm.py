@@ -79,8 +79,10 @@ def read_line(line):
         values = tuple(float(one) for one in rest[:count])
     except (ValueError, OverflowError) as error:
         wrong(str(error))
-    if len(values) != count or not np.all(np.isfinite(values)) or not abs(time) < LATEST_S:
+    if len(values) != count or not np.all(np.isfinite([time, *values])):
         wrong(f"{len(values)} values")
+    if abs(time) > LATEST_S:
+        wrong(f"a time of {time:g} s")
     return Entry(time, SPACECRAFT[spacecraft], name, values, "".join(rest[count:]).strip())
 
 

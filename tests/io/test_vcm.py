@@ -123,9 +123,9 @@ def test_a_sequence_of_events_gives_calibrations_and_vectors_in_force(tmp_path):
     assert vcm.in_force(entries, "VKB", "D", 1e9) is None
     assert vcm.in_force(entries, "VCM", "C", 634060000.9) is None
     assert vcm.in_force(entries, "VCM", "C", 634060001.0).values == (90e-6, -87e-6, -3e-6)
-    for wrong in ("6 GRACEC CMCAL 2 1\n", "-7e10 GRACEC CMCAL 1 1\n"):  # one value of two; a time before the calendar
+    for wrong, message in (("6 GRACEC CMCAL 2 1\n", "1 values"), ("-7e10 GRACEC CMCAL 1 1\n", "a time of -7e")):
         path.write_text(SEQUENCE + wrong)
-        with pytest.raises(ProductError, match=r"line 14: .*found 1 values"):
+        with pytest.raises(ProductError, match=rf"line 14: .*found {message}"):
             vcm.read_sequence(path)
 
 

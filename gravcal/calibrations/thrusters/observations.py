@@ -33,19 +33,17 @@ def observe(
 
     LateTags of the orbit alone where attitude and firings agree and the orbit is off by more than camera_limit_s.
     """
-    records, noise = model.records(products["align"]), model.noise_of(products["noise"])
-    late = model.late(records, inertia)
+    day, noise = model.records(products["align"]), model.noise_of(products["noise"])
+    late = model.late(day, inertia)
     time, angle, rate = model.off_the_orbit(products["align"])
     orbit_lag = float(np.median(angle / rate))
     if abs(orbit_lag) > camera_limit_s and abs(late) <= LATE_S:
         delay = Parameter(-orbit_lag, POINTING_S, "s")
         return of_late_orbit(products["align"], time, angle, -rate, delay, "pitch", Attitude.name)
-    rows = estimate.rows_of(records.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
+    rows = estimate.rows_of(day.camera, noise, inertia, block_s=block_s, knot_s=knot_s)
     late = late if abs(late) > LATE_S else 0
     delays = {slug: Parameter(float(sign * late), WHOLE_S, "s") for slug, sign in DELAYS.items() if late}
-    return Attitude(
-        products["align"], records, rows, late, records.firings.late_by(late), delays, products.get("heads")
-    )
+    return Attitude(products["align"], day, rows, late, day.firings.late_by(late), delays, products.get("heads"))
 
 
 @dataclass(frozen=True)
