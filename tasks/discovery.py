@@ -29,13 +29,13 @@ ANY_PRODUCT, RESULTS = ["*"], ["*.discovery", "*.combine|*.drag"]
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=34, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=35, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """Causes of what the model of an event leaves unexplained."""
     return driver.discover(observations_of(products, observations, names, settings), _limits(limits))
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=34, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=35, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """Search repeated in records less the findings of a ``first`` one, where their effects are large."""
     observed = observations_of(products, observations, names, settings)
@@ -80,7 +80,7 @@ def report(searched, *combined, calibration, observations, event, satellite, set
     return report_science.report(searched, *combined, settings=settings, reported=reported, **named)
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=6, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=7, also=["{observations}"])
 def evidence(*products, calibration, observations, names, settings):  # noqa: ARG001 - it names the product
     """Gram matrix of an event (whitened residual, parameters, listed causes) for a joint search; housekeeping last."""
     observed = observations_of(products[: len(names)], observations, names, settings)

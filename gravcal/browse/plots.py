@@ -2,6 +2,7 @@
 
 import base64
 import datetime
+import tomllib
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 
@@ -25,21 +26,7 @@ MANY = 4_000_000  # samples; of more, only the first series is drawn unasked
 GAPS = 0.5  # share of the axis that gaps may fill before the page says what to do
 GREY = "#5a5a5a"
 #: Colour, mark, its size and filling by verdict, and by origin where not all was measured; a diamond is drawn smaller.
-MOODS = {
-    "good": ("#009E73", "circle", 9, "#009E73"),
-    "bad": ("#D55E00", "triangle", 9, "#D55E00"),
-    "plain": (GREY, "square", 9, GREY),
-    "questionable": ("#000000", "x", 9, "#000000"),
-    "simulated": ("#7b52ab", "diamond", 14, "#7b52ab"),
-    "mixed": ("#7b52ab", "diamond_cross", 14, "#7b52ab"),
-    "printed": ("#0072B2", "circle", 7, "white"),
-}
-TOOLS = {
-    "tools": "xpan,box_zoom,xwheel_zoom,reset,save",
-    "active_drag": "xpan",
-    "active_scroll": "xwheel_zoom",
-    "sizing_mode": "stretch_width",
-}
+MOODS, TOOLS = tomllib.loads(Path(__file__).with_name("plots.toml").read_text(encoding="utf-8")).values()
 THEME = Theme(Path(__file__).with_name("theme.json"))
 
 

@@ -11,13 +11,13 @@ import numpy as np
 import xarray as xr
 
 from gravcal.discovery import DISCOVERY, attribution
-from gravcal.discovery.attribution import ROUNDING, UNSEEN, beside_calibration
 from gravcal.discovery.limits import detection_limits
 from gravcal.discovery.model_average import delivered, named_parameters
 from gravcal.discovery.problem import (
     Problem,
     baseline_of,
     inverse_of_baseline,
+    less_calibration,
     observed_rows,
     random_source,
     residuals_of,
@@ -123,14 +123,18 @@ def _searched(observed, limits, model, first=None):
     """
     added, choice = [observed.response(entry) for entry in model], _choice(observed, limits)
     rows = [replace(b, observed=b.observed + sum(one[k] for one in added)) for k, b in enumerate(observed.blocks)]
-    result, waves = rounds_and_lines(observed, rows, choice, limits.seed)
+    reduced, explained = less_calibration(rows)
+    result, waves = rounds_and_lines(observed, reduced, choice, limits.seed)
+    blocks = [replace(b, observed=row.observed) for b, row in zip(result.problem.blocks, rows, strict=True)]
+    result = replace(result, problem=replace(result.problem, blocks=blocks))
     result = _told_apart(result, first) if first and first.adequate_after else result
     count, whole = observed.scale.size, result
     if first:
         before = np.array(first.calibration_change.before)
-        shared = np.append(before / observed.scale - observed.start, result.shared[0][count:])
+        shared = np.append(before / observed.scale - observed.start - explained[:count], result.shared[0][count:])
         whole = replace(result, shared=(shared, result.shared[1]))
     averaged = delivered(whole, choice, count)
+    averaged, result = (replace(r, shared=tuple(one + explained for one in r.shared)) for r in (averaged, result))
     search_outcome, evidence = summary(averaged, choice, observed, waves), observed.weighed()
     odds = {row.cause: row.log_odds for row in evidence}
     findings = [*(_tied(one, odds) for one in search_outcome.findings[:1]), *search_outcome.findings[1:]]
@@ -271,9 +275,9 @@ def _beside(problem: Problem, observed: Observations, count: int) -> list[Unobse
     for one in observed.biased():
         known = (pair for pair in starts if [pair[0].cause, *pair[0].names] == [one.cause, *one.direction])
         candidate, k = next(known, (None, 0))
-        observable = candidate and gram[k, k] > ROUNDING * problem.total[k, k]
+        observable = candidate and gram[k, k] > attribution.ROUNDING * problem.total[k, k]
         ratio = float(candidate.prior[0] * np.sqrt(gram[k, k])) if observable else 0.0
-        if ratio < UNSEEN and one.bias_in_sigma > BIASED:
+        if ratio < attribution.UNSEEN and one.bias_in_sigma > BIASED:
             rows.append(replace(one, signal_to_noise=ratio, bias=[0.0] * count))
     return rows
 
@@ -403,7 +407,7 @@ def summary(result: Result, choice: Choice, observed: Observations, waves=()) ->
     for one in result.first:
         cause = slug_of(one.cause)
         tried.setdefault(cause, outcome.Tried(cause, one.form, one.gain, one.dof, one.significance))
-    hidden = beside_calibration(result.problem, baseline_of(result.problem, ()), observed.scale)
+    hidden = attribution.beside_calibration(result.problem, baseline_of(result.problem, ()), observed.scale)
     errors = {cause: (observed.scale * one[: observed.scale.size]).tolist() for cause, one in result.unseen.items()}
     hidden = [replace(one, bias_in_error=errors.get(one.cause, ())) for one in hidden]
     adequate = before.adequate(choice.level), after.adequate(choice.level)

@@ -10,7 +10,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.discovery import attribution
-from gravcal.discovery.problem import prepare
+from gravcal.discovery.problem import less_calibration, prepare
 from gravcal.effects import effect
 from gravcal.errors import refuse
 from gravcal.estimation.moving import YEAR_S
@@ -62,7 +62,8 @@ def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dat
     listed = [one for one in observed.candidates if one.listed and slug_of(one.cause) == one.cause]
     listed = [replace(one, prior=_prior(one)) for one in listed if not one.form.endswith("alone")]
     listed = [one for one in listed if len(one.prior) == len(one.names)]
-    problem, count = prepare(observed.blocks, listed), len(observed.parameters)
+    blocks, explained = less_calibration(observed.blocks)
+    problem, count = prepare(blocks, listed), len(observed.parameters)
     nuisance = np.arange(1 + count, problem.shared.stop)
     kept = np.setdiff1d(np.arange(problem.total.shape[0]), nuisance)
     gram = attribution.projected(problem.total, nuisance)[np.ix_(kept, kept)]
@@ -74,7 +75,7 @@ def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dat
         "parameters": list(observed.parameters),
         "unit": observed.unit,
         "scale": np.broadcast_to(observed.scale, count).tolist(),
-        "start": np.asarray(observed.start, dtype=float).tolist(),
+        "start": (observed.start + explained[:count]).tolist(),
         "measured": measured | fuel(housekeeping, np.median(time)) | temperature(housekeeping, time.min(), time.max()),
         "common": np.broadcast_to(observed.common, count).tolist(),
         "causes": [[one.cause, one.form, one.names, one.units, *sizes] for one, *sizes in sized],

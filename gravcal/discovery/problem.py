@@ -12,7 +12,7 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from gravcal.estimation.least_squares import orthonormal
+from gravcal.estimation.least_squares import orthonormal, score, stable_inverse
 from gravcal.estimation.noise import Spectrum, fit_noise, whiten
 from gravcal.estimation.records import Block, Candidate
 
@@ -177,6 +177,16 @@ class Problem:
     def total(self) -> np.ndarray:
         """Products (m, m) of the columns, all blocks together."""
         return self.gram.sum(axis=0)
+
+
+def less_calibration(blocks: Sequence[Block]) -> tuple[list[Block], np.ndarray]:
+    """Blocks less what their global columns explain by least squares, and the parameters (p,) of these.
+
+    Beside the whole motion the products of columns lose by rounding what an effect of nearly its shape leaves.
+    """
+    scores = [score(block.observed, block.global_columns, block.local_columns) for block in blocks]
+    explained = stable_inverse(sum(one.normal for one in scores)) @ sum(one.right for one in scores)
+    return [replace(b, observed=b.observed - b.global_columns @ explained) for b in blocks], explained
 
 
 def prepare(blocks: list[Block], candidates: list[Candidate]) -> Problem:

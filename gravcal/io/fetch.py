@@ -28,10 +28,9 @@ from gravcal.errors import CatalogError, GravcalError, ProductError, refuse
 from gravcal.io.archive import members, opened
 
 LAYOUTS = tomllib.loads(Path(__file__).with_name("archives.toml").read_text(encoding="utf-8"))
-ISDC = "https://isdc-data.gfz.de"
 PODAAC = "https://archive.podaac.earthdata.nasa.gov"
 PROTECTED, PUBLIC = "podaac-ops-cumulus-protected", "podaac-ops-cumulus-public"
-PLACES = {"isdc": ISDC, "podaac": f"{PODAAC}/{PROTECTED}"}
+PLACES = {"isdc": "https://isdc-data.gfz.de", "podaac": f"{PODAAC}/{PROTECTED}"}
 MISSIONS = {"A": "grace", "B": "grace", "X": "grace", "C": "gracefo", "D": "gracefo", "Y": "gracefo"}
 RELEASES = {"grace": "02", "gracefo": "04"}
 RANGING_LASER = ("LRI1A", "LRI1B", "LLK1A", "LLK1B", "LHK1A", "LHK1B", "LLT1A", "LSM1A", "LSM1B")

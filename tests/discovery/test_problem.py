@@ -10,7 +10,7 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
 from gravcal.discovery import attribution, scan, trials
-from gravcal.discovery.driver import check_causes
+from gravcal.discovery.driver import check_causes, less_calibration
 from gravcal.discovery.problem import baseline_of, columns_of, observed_rows, prepare, residuals_of, without_rounding
 from gravcal.discovery.rounds import Choice, search
 from gravcal.errors import CatalogError
@@ -139,6 +139,18 @@ def test_a_frame_that_only_a_prior_tells_from_a_parameter_is_held_out_nowhere():
     of_frame, other = (prepare(blocks, [replace(one, of_frame=of_frame)]) for of_frame in (True, False))
     assert trials.held_out(of_frame, baseline_of(of_frame, ()), 0, 10.0) == (0.0, "prior")
     assert trials.held_out(other, baseline_of(other, ()), 0, 10.0)[1] == "manoeuvres"
+
+
+def test_what_is_left_beside_the_whole_motion_is_no_rounding():
+    """Analytic: chi-square of a shape that a record of 1e8 sigma has but for 3e-6; 1e15 by products of the record."""
+    rng = np.random.default_rng(2)
+    motion, bent = rng.standard_normal((2, 4000, 1))
+    columns = np.column_stack([motion, motion + 3e-6 * bent])
+    block = Block.of("", 1e8 * motion[:, 0] + rng.standard_normal(4000), "a", 0, np.arange(4000.0), shared=motion)
+    less, _ = less_calibration([block])
+    total = prepare(less, [Candidate("case.bent", "", ["q"], ["1"], [columns[:, 1:]])]).total
+    left = np.linalg.lstsq(columns, block.observed)[1]
+    assert attribution.projected(total, np.array([1, 2]))[0, 0] == pytest.approx(left, rel=1e-6)
 
 
 def blocks_of(rng):

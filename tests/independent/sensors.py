@@ -22,18 +22,16 @@ def loudness(scene, kind):
     return np.exp(s.noise_change * change)
 
 
-def truth_at_proof_mass(scene):
-    """Suspension acceleration f = a_ng + (M - G) p with p = -offset."""
+def accelerometer(scene, keep):
+    """Linear and angular readings (m, 3) at grid indices, without noise, bias or quantisation.
+
+    Suspension acceleration f = a_ng + (M - G) p with p = -offset.
+    """
     p, w = np.tile(-1e-6 * np.asarray(scene.world.settings.offset_um, float), (len(scene.t), 1)), scene.rate
     spin = np.cross(w, np.cross(w, p)) + np.cross(scene.rate_dot, p)
     turn = scene.rotation
     tidal = turn.inv().apply(np.einsum("nij,nj->ni", scene.world.orbit.gradient(scene.t), turn.apply(p)))
-    return scene.world.force(scene.t) + spin - tidal
-
-
-def accelerometer(scene, keep):
-    """Linear and angular readings (m, 3) at grid indices, without noise, bias or quantisation."""
-    linear = truth_at_proof_mass(scene) + added.total(scene, scene.world.effects)
+    linear = scene.world.force(scene.t) + spin - tidal + added.total(scene, scene.world.effects)
     return linear[keep], scene.rate_dot[keep]
 
 

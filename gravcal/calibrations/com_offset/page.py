@@ -32,7 +32,6 @@ WAVE_HZ = 1 / 12  # at which the document states the noise
 SCALE_SHARE = 0.5  # of its prior sigma: a torque scale with a larger error only repeats the prior
 ANGULAR_LIMIT = 0.2  # standard deviation of an angular scale from which on it is not determined
 PRODUCTS = {"acc": "ACC1A", "sca": "SCA1B"}
-EPOCH = "middle of each manoeuvre"  # of an offset that moves
 GAPS = {"orbit": 1, "star camera": 2}  # bits of a gap too long to use a manoeuvre
 CONFIDENCE = 2.0  # standard deviations between a value and a limit for a clear answer
 
@@ -170,7 +169,7 @@ def result(products, settings):
     return content | {
         "status": "delivered" if determined else "failed",
         "verdict": verdict(blocks, chosen, agreement, settings),
-        "epoch": EPOCH,
+        "epoch": "middle of each manoeuvre",  # of an offset that moves
         "method": combined.attrs.get("method", "gravcal"),
         "adopted": chosen,
         "variants": blocks,
