@@ -8,7 +8,6 @@ import datetime
 import html
 import re
 import shutil
-import textwrap
 
 from flows import command, engine, output
 from flows.engine import other_store
@@ -160,10 +159,6 @@ def _text(pair):  # "value +- sigma" of [value, sigma]; "-" without a value
     return text if sigma is None else f"{text} +- {sigma:.2g}"
 
 
-def _wrapped(text):  # lines of 140 characters at most
-    return textwrap.wrap(text, 140, break_on_hyphens=False)
-
-
 def _write(out, document):
     """Write comparison.csv, and the tables and figures of both runs as gallery.md and index.html, into ``out``."""
     heads = ["item", "row", "unit", *(f"{n}{s}" for n in ("printed", *RUNS) for s in ("", "_sigma"))]
@@ -176,7 +171,7 @@ def _write(out, document):
     lines, parts = [], []
     for item in document["items"]:
         said = item.get("reason") or item["difference"]
-        lines += [*_wrapped(f"**{item['name']}** {'not made: ' if 'reason' in item else ''}{said}"), ""]
+        lines += [f"**{item['name']}** {'not made: ' if 'reason' in item else ''}{said}", ""]
         rows = [[row["row"], *(_text(row[n]) for n in ("printed", *RUNS))] for row in item["rows"]]
         if rows:
             lines += [f"| {item['unit']} | {' | '.join(HEADS)} |", "| --- | --- | --- | --- |"]
@@ -219,5 +214,5 @@ def _pictures(out, name, item, drawn):
         path = "images/papers/" + re.sub(r"\W+", "_", words) + ".svg"
         (out / path).parent.mkdir(parents=True, exist_ok=True)
         (out / path).write_bytes(base64.b64decode(address))
-        lines += [*_wrapped(f"*{said}: {html.unescape(title)}.*"), "", f"![{html.unescape(title)}]({path})", ""]
+        lines += [f"*{said}: {html.unescape(title)}.*", "", f"![{html.unescape(title)}]({path})", ""]
     return lines

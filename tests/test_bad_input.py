@@ -117,7 +117,7 @@ def spoil_much(files):
     """Two minutes without accelerometer and clock, one file of the orbit missing, the other frame in its place."""
     damage.drop_seconds(files["ACC1A"], files["start"] + 20, files["start"] + 140)
     damage.drop_seconds(files["CLK1B"], files["start"] + 20, files["start"] + 140)
-    damage.missing(files["GNI1B"])
+    files["GNI1B"].unlink()
     return {}
 
 
@@ -189,12 +189,12 @@ def damaged(how, *starts):
 
 HOPELESS = {  # calibration, damage, what the message has to name
     "wrong satellite": ("com_offset", damaged(damage.wrong_satellite, "SCA1B"), "SCA1B"),
-    "missing orbit": ("com_offset", damaged(damage.missing, "GNI1B", "GNV1B"), "GNI1B"),
-    "kbr no ranging": ("kbr_phase_centre", damaged(damage.missing, "KBR1B"), "KBR1B"),
+    "missing orbit": ("com_offset", damaged(Path.unlink, "GNI1B", "GNV1B"), "GNI1B"),
+    "kbr no ranging": ("kbr_phase_centre", damaged(Path.unlink, "KBR1B"), "KBR1B"),
     "is1 wrong day": ("inertial_sensor", edited("IS1", "time", lambda t: t + 86400), "day"),
     "is1 all missing": ("inertial_sensor", edited("IS1", "V_x1", lambda v: v * np.nan), "voltages"),
-    "att missing": ("inertial_sensor", damaged(damage.missing, "ATT"), "ATT"),
-    "sgrs missing": ("gradient_torque", damaged(damage.missing, "SGRS"), "SGRS"),
+    "att missing": ("inertial_sensor", damaged(Path.unlink, "ATT"), "ATT"),
+    "sgrs missing": ("gradient_torque", damaged(Path.unlink, "SGRS"), "SGRS"),
     "sgrs in kilometres": ("gradient_torque", edited("SGRS", "position", lambda p: p / 1e3), "position"),
     "sgrs no attitude": ("gradient_torque", edited("SGRS", "q", lambda q: q * np.nan), "star camera"),
 }

@@ -85,14 +85,8 @@ def wrong_satellite(path, letter="D", rows=None):
 
 
 def unknown_flag(path, row=100, flag=b"01110010"):
-    """Set undefined bits of the quality flag in one record."""
-    column = 4 if Path(path).name.startswith("ACC1A") else -1
-    _field(path, row, column, lambda _: flag)
-
-
-def missing(path):
-    """Remove the file."""
-    Path(path).unlink()
+    """Set undefined bits of the quality flag in one record of ACC1A."""
+    _field(path, row, 4, lambda _: flag)
 
 
 def netcdf(path, names, change):
