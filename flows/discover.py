@@ -44,24 +44,24 @@ def flow_of(name: str, shown: bool = False):
     @flow(name=f"{name}_discovery")
     def discover(source, chosen):
         """ProductRef of the report on the causes of what a calibration leaves unexplained in one event."""
-        looked, event, results, digest = one.discovery, {"event": source.event}, (), ""
-        if looked.together is not None:
-            return looked.together(source, chosen, shown)
+        spec, event, results, digest = one.discovery, {"event": source.event}, (), ""
+        if spec.together is not None:
+            return spec.together(source, chosen, shown)
         search, records, products = searched(one, source, chosen, shown)
-        if looked.result is not None:
-            fixed = {"observations": looked.observations, "names": list(products)}
-            fixed |= {"records": records.kind, "settings": looked.settings(source, chosen)} | event
+        if spec.result is not None:
+            fixed = {"observations": spec.observations, "names": list(products)}
+            fixed |= {"records": records.kind, "settings": spec.settings(source, chosen)} | event
             without = discovery.extend_by(search, *products.values(), variant="discovered", tentative=False, **fixed)
-            after = looked.result(source, chosen, without)
-            recorded = looked.records(source, chosen)
-            _, *added = looked.given(one.name, source, chosen, recorded)
-            results = [looked.result(source, chosen, records), after]  # last: latest/ leads to it, or to that of a run
-            results += [looked.result(source, chosen, records, *added)] if any(added) else []
+            after = spec.result(source, chosen, without)
+            recorded = spec.records(source, chosen)
+            _, *added = spec.given(one.name, source, chosen, recorded)
+            results = [spec.result(source, chosen, records), after]  # last: latest/ leads to it, or to that of a run
+            results += [spec.result(source, chosen, records, *added)] if any(added) else []
             digest = resolved(recorded).digest
-        elif looked.again:
-            looked.baseline(source, chosen)  # last: latest/ leads to it
+        elif spec.again:
+            spec.baseline(source, chosen)  # last: latest/ leads to it
         values = {name: value for name, value in chosen.for_report().items() if name != "truth"}
-        named = {"calibration": one.name, "observations": looked.observations, "satellite": source.satellite} | event
+        named = {"calibration": one.name, "observations": spec.observations, "satellite": source.satellite} | event
         return discovery.report(search, *results, **named, settings=values, records=digest)
 
     return discover
@@ -74,25 +74,25 @@ def as_calibration(name: str, shown: bool = False) -> Calibration:
 
 def searched(one: Calibration | Study, source, chosen, shown: bool = False):
     """ProductRefs of the search in one event and of its records, which a model changes; {name: ProductRef} of these."""
-    looked, event = one.discovery, {"event": source.event}
-    records = looked.read(source, chosen)
-    products = looked.built(source, chosen, records)
-    settings = looked.settings(source, chosen)
-    own, limits = looked.chosen_for(chosen)
-    fixed = {"observations": looked.observations, "names": list(products)}
+    spec, event = one.discovery, {"event": source.event}
+    records = spec.read(source, chosen)
+    products = spec.built(source, chosen, records)
+    settings = spec.settings(source, chosen)
+    own, limits = spec.chosen_for(chosen)
+    fixed = {"observations": spec.observations, "names": list(products)}
     searched = fixed | {"calibration": one.name, "settings": settings | own} | limits | event
     extended = fixed | {"records": records.kind if records else "", "settings": settings} | event
     inputs = [*products.values()]
-    *passes, last = (*("first", "second")[: looked.again], "")
+    *passes, last = (*("first", "second")[: spec.again], "")
     search = discovery.search(*products.values(), variant=(*passes, last)[0], **searched)
     for variant, following in itertools.pairwise((*passes, last)):
-        if looked.rebuilt:
-            again = looked.rebuilt(source, chosen, search, variant)
+        if spec.rebuilt:
+            again = spec.rebuilt(source, chosen, search, variant)
         else:
             without = discovery.extend_by(search, *products.values(), variant=variant, tentative=True, **extended)
-            again = looked.built(source, chosen, without)
+            again = spec.built(source, chosen, without)
         search = discovery.search_again(search, *again.values(), variant=following, **searched)
-    inputs += again.values() if looked.again else ()
+    inputs += again.values() if spec.again else ()
     search = discovery.limits(search, *inputs, variant="limits", **searched) if shown else search
     return search, records, products
 
@@ -100,14 +100,14 @@ def searched(one: Calibration | Study, source, chosen, shown: bool = False):
 def evidence_of(calibration: str) -> Calibration:
     """Calibration, for a campaign, whose flow makes the product "evidence" of an event: its input to a joint search."""
     one = calibrations.load(calibration)
-    looked = one.discovery
+    spec = one.discovery
 
     @flow(name=f"{one.name}_evidence")
     def evidence(source, chosen):  # ProductRef
-        products, housekeeping = looked.baseline(source, chosen), []
-        settings = looked.settings(source, chosen) | looked.chosen_for(chosen)[0]
-        about = {"calibration": one.name, "observations": looked.observations, "names": list(products)}
-        for file in source.files(*looked.housekeeping) if looked.housekeeping else ():
+        products, housekeeping = spec.baseline(source, chosen), []
+        settings = spec.settings(source, chosen) | spec.chosen_for(chosen)[0]
+        about = {"calibration": one.name, "observations": spec.observations, "names": list(products)}
+        for file in source.files(*spec.housekeeping) if spec.housekeeping else ():
             with contextlib.suppress(ProductError):  # what cannot be read is not followed, which the search says
                 housekeeping.append(common.ingest(file, event=source.event))
         return discovery.evidence(*products.values(), *housekeeping, **about, settings=settings, event=source.event)
