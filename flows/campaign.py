@@ -193,7 +193,11 @@ def cluster(campaign, count):
     from distributed import Client, LocalCluster
 
     if campaign.scheduler:
-        with Client(campaign.scheduler, timeout="20s") as client:
+        try:
+            client = Client(campaign.scheduler, timeout="20s")
+        except (OSError, ValueError) as error:
+            refuse(f"--scheduler {campaign.scheduler}", str(error), "the address of a Dask scheduler", "Correct it.")
+        with client:
             own, versions = keys.versions()["gravcal"], client.run(keys.versions)
             differing = {worker: one["gravcal"] for worker, one in versions.items() if one["gravcal"] != own}
             for worker, version in differing.items():

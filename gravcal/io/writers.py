@@ -23,7 +23,6 @@ LEVELS = {"A": "1A", "B": "1B"}
 TOGETHER = {"X": "GRACE A+B", "Y": "GRACE C+D"}
 HEADERS = tomllib.loads(Path(__file__).with_name("headers.toml").read_text(encoding="utf-8"))
 LINES = len(HEADERS["label"])  # of an 80-column header before its end
-GIVE = "Give it, or choose another product."
 
 
 def write(observed, path) -> Path:
@@ -89,7 +88,7 @@ def _columns(observed, table: Product, satellite, where):
         columns += table.following(flag)
     missing = {c.name: _default(c, table, satellite) for c in columns if c.name not in values}
     for name in (name for name, default in missing.items() if default is None):
-        refuse(where, f"no values for {name}", f"{n} values", GIVE, column=name)
+        refuse(where, f"no values for {name}", f"{n} values", "Give it, or choose another product.", column=name)
     return {c.name: values[c.name] if c.name in values else np.full(n, missing[c.name]) for c in columns}
 
 

@@ -11,7 +11,6 @@ from gravcal.store.schemas import VERSION, validate
 
 #: Statuses of documents that hold a result.
 WITH_RESULT = ("delivered", "questionable")
-OPERATIONAL = "operational"
 
 
 def delivered(calibration, body: Mapping, products: Mapping, checks: Sequence, *, event, settings) -> dict:
@@ -50,7 +49,7 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
     warning = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""
     verdict = document.get("verdict")
     new_verdict = {"verdict": verdict | {"text": foreword(origin) + warning + verdict["text"]}} if verdict else {}
-    configuration = settings_of(document).get("configuration", OPERATIONAL)
+    configuration = settings_of(document).get("configuration", "operational")
     added = {"origin": origin, "configuration": configuration, "checks": as_plain(list(map(vars, checks)))}
     return dict(document) | {"status": status} | added | new_verdict
 

@@ -102,6 +102,9 @@ def test_the_files_of_a_new_event_are_left_to_its_worker(events, monkeypatch):
 
 def test_workers_serve_nobody_else_and_are_gone_with_their_cluster(environment):
     """Contract: Dask executes what it is sent, so who has not the keys of a campaign is refused; all end with it."""
+    how = campaigns.Campaign("fakecal", None, scheduler="nowhere")
+    with pytest.raises(campaigns.GravcalError, match="--scheduler nowhere"), campaigns.cluster(how, 1):
+        pass
     command = [sys.executable, str(SCRIPT), "strangers"]
     done = subprocess.run(command, capture_output=True, text=True, check=True, env=environment)
     assert done.stderr == ""

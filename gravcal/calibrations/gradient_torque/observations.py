@@ -22,7 +22,6 @@ from gravcal.physics import earth, frames, magnetic, orbit_environment
 UNITS = {"linear": "m s-2", "attitude": "rad s-2", "torque": "N m"}
 METHOD = METHODS.index("two_sensor")  # motion from all sensors
 BLOCK_S = 7200.0  # more than a revolution, so that each block sees every latitude
-TESSERAL = "gradient.tesseral"
 HIGHEST = 20  # degree of a coefficient that is looked for
 LAST_FIELD = 9.46e8  # GPS s, end of 2029: the geomagnetic field of later days is that of its model then
 
@@ -168,7 +167,7 @@ class GradientTorque(Observations):
         for entry, sensor, added in effects_of(self.about, self.made):
             form, suffix = (f"sensor {sensor}", f"_{sensor}") if sensor else ("", "")
             causes += listed(entry, self._columns(added), form, suffix=suffix).each_alone()
-        entry = effect(TESSERAL)
+        entry = effect("gradient.tesseral")
         orders = [(n, m) for n in range(3, HIGHEST + 1) for m in range(1, n + 1)] if "linear" in self.made else []
         for degree, order in orders:
             columns = self._columns(added_to_channels(_of_degree(self.about, degree, order), entry))

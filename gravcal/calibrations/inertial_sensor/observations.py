@@ -28,7 +28,6 @@ REPORTED = {
 #: Channels in which lines are searched; residuals of an attitude wander with the integrated noise of the voltages.
 READABLE = ("linear", observed_roll.CHANNEL)
 HARMONICS = 4  # of a smooth motion that signals driven by it have
-QUADRATIC = "inertial_sensor.quadratic"
 WAVES = ("unknown:attitude", "unknown:latitude")  # their mean cannot be separated from a bias in a roll
 #: Epochs round that of the search at which a step is looked for again, in spacings of the search.
 NEAR = np.linspace(-1.0, 1.0, 21)
@@ -176,7 +175,7 @@ class InertialSensor(records.Observations):
         """
         physical = super().physical(entry, fitted)
         record = self.swing.aligned if self.swing else self.roll.products["segment"]
-        if entry.cause == QUADRATIC and entry.cause not in record.attrs.get("model", ""):
+        if entry.cause == "inertial_sensor.quadratic" and entry.cause not in record.attrs.get("model", ""):
             volts = (self.swing or self.roll).context().extra["volts"]
             means = {a: volts[:, row > 0].mean() for a, row in zip("xyz", electrodes.READOUT, strict=False)}
             gain = {a: max(1 - 4 * p.value * means[a], 0.0) or np.nan for a, p in physical.parameters.items()}
