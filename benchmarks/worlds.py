@@ -538,7 +538,7 @@ def rows_of(observed, like) -> list:
 
     if not (observed and like):
         return observed.blocks if observed else []
-    if like.name == "com_offset":
+    if like.name == "com_offset" and not observed.shifted:
         observed.noise.update(like.noise)
     elif like.name == "kbr_phase_centre":
         observed.view.__dict__["factors"] = like.view.factors
