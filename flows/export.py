@@ -39,11 +39,6 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
     if not reports:
         missing = f"no report of the configuration {configuration} in {location.folder()}"
         refuse(event, missing, "one", "Make it with gravcal run, or name an experiment with --as.")
-    digests = {}
-    for one in (file for report in reports for file in history.raw_files(report.ref.key)):
-        digests.setdefault(" ".join((one["product"], one["satellite"], one["date"])), set()).add(one["digest"])
-    if mixed := sorted(name for name, different in digests.items() if len(different) > 1):
-        refuse(event, f"reports of different files ({', '.join(mixed)})", "of the same", "Make them from one folder.")
     if out.exists() and (out.is_file() or any(out.iterdir())):
         refuse(str(out), "that it is there already", "a new folder or file", "Give another --out.")
     files = {f"report/{e.ref.stage}/{n}": (e.ref.folder / n).read_bytes() for e in entries for n in e.record["files"]}

@@ -39,9 +39,6 @@ def test_an_event_leaves_in_one_zip(shop, tmp_path, capsys):
     assert gravcal("export", EVENT, "--out", out) == 1
     with pytest.raises(ProductError, match="gravcal run"):
         export.export("nothing", tmp_path / "x.zip")
-    files_of = [{"product": "ACC1A", "satellite": "C", "date": "2020-03-01", "digest": digest} for digest in "ab"]
-    with mock.patch.object(history, "raw_files", return_value=files_of), pytest.raises(ProductError, match="ACC1A C"):
-        export.export(EVENT, tmp_path / "mixed")
     assert gravcal("export", EVENT, "--out", tmp_path / "folder", "--as", "nothing") == 1
     assert sorted(files) == printed_json(capsys, "export", EVENT, "--out", tmp_path / "folder")["files"]
     with xr.open_dataset(tmp_path / "folder" / "products" / "com_offset.align.nc") as opened:
