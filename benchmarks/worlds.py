@@ -490,7 +490,7 @@ def _strong(kind, seed, hidden, wanted, about):
         truth = make(kind, seed, {hidden: value}, place / str(attempt))
         data = place / str(attempt) / "data"
         changed = observed_of(kind, data)
-        campaigns = bool(quiet and changed) and quiet.name == "kbr_phase_centre"
+        campaigns = bool(quiet and changed) and not changed.shifted and quiet.name == "kbr_phase_centre"
         like, changed = of_both(quiet, changed) if campaigns else (quiet, changed)
         ratio = signal_to_noise(like.blocks if like else [], rows_of(changed, like))
         if 0.8 * wanted < ratio < 1.25 * wanted:
@@ -536,9 +536,9 @@ def rows_of(observed, like) -> list:
     """Blocks whitened with the noise of other observations: a strong effect changes what the noise is measured as."""
     from gravcal.estimation import noise
 
-    if not (observed and like):
+    if not (observed and like) or observed.shifted:
         return observed.blocks if observed else []
-    if like.name == "com_offset" and not observed.shifted:
+    if like.name == "com_offset":
         observed.noise.update(like.noise)
     elif like.name == "kbr_phase_centre":
         observed.view.__dict__["factors"] = like.view.factors

@@ -196,7 +196,8 @@ def cluster(campaign, count):
         try:
             client = Client(campaign.scheduler, timeout="20s")
         except (OSError, ValueError) as error:
-            refuse(f"--scheduler {campaign.scheduler}", str(error), "the address of a Dask scheduler", "Correct it.")
+            remedy = "Start one there, or correct the address."
+            refuse(f"--scheduler {campaign.scheduler}", str(error), "the address of a Dask scheduler", remedy)
         with client:
             own, versions = keys.versions()["gravcal"], client.run(keys.versions)
             differing = {worker: one["gravcal"] for worker, one in versions.items() if one["gravcal"] != own}

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 
 from gravcal.calibrations import checks as checking
 from gravcal.report.plain import as_plain
-from gravcal.store import product
+from gravcal.store import location, product
 from gravcal.store.product import MEASURED, foreword, listed, origins_together
 from gravcal.store.schemas import VERSION, validate
 
@@ -49,7 +49,7 @@ def judged(document: Mapping, products: Sequence, checks: Sequence[checking.Chec
     warning = f"QUESTIONABLE: {'; '.join(map(said, failed))}. " if failed else ""
     verdict = document.get("verdict")
     new_verdict = {"verdict": verdict | {"text": foreword(origin) + warning + verdict["text"]}} if verdict else {}
-    configuration = settings_of(document).get("configuration", "operational")
+    configuration = settings_of(document).get("configuration", location.OPERATIONAL)
     added = {"origin": origin, "configuration": configuration, "checks": as_plain(list(map(vars, checks)))}
     return dict(document) | {"status": status} | added | new_verdict
 

@@ -10,7 +10,8 @@ from numpy.testing import assert_allclose
 from scipy.stats import multivariate_normal
 
 from gravcal.discovery import attribution, scan, trials
-from gravcal.discovery.driver import check_causes, less_calibration
+from gravcal.discovery import problem as problems
+from gravcal.discovery.driver import check_causes
 from gravcal.discovery.problem import baseline_of, columns_of, observed_rows, prepare, residuals_of, without_rounding
 from gravcal.discovery.rounds import Choice, search
 from gravcal.errors import CatalogError
@@ -147,7 +148,7 @@ def test_what_is_left_beside_the_whole_motion_is_no_rounding():
     motion, bent = rng.standard_normal((2, 4000, 1))
     columns = np.column_stack([motion, motion + 3e-6 * bent])
     block = Block.of("", 1e8 * motion[:, 0] + rng.standard_normal(4000), "a", 0, np.arange(4000.0), shared=motion)
-    less, _ = less_calibration([block])
+    less, _ = problems.less_calibration([block])
     total = prepare(less, [Candidate("case.bent", "", ["q"], ["1"], [columns[:, 1:]])]).total
     left = np.linalg.lstsq(columns, block.observed)[1]
     assert attribution.projected(total, np.array([1, 2]))[0, 0] == pytest.approx(left, rel=1e-6)

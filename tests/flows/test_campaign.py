@@ -101,7 +101,7 @@ def test_the_files_of_a_new_event_are_left_to_its_worker(events, monkeypatch):
 
 
 def test_workers_serve_nobody_else_and_are_gone_with_their_cluster(environment):
-    """Contract: Dask executes what it is sent, so who has not the keys of a campaign is refused; all end with it."""
+    """Contract: Dask executes what it is sent, so who has not the keys of a campaign is refused; so is no address."""
     how = campaigns.Campaign("fakecal", None, scheduler="nowhere")
     with pytest.raises(campaigns.GravcalError, match="--scheduler nowhere"), campaigns.cluster(how, 1):
         pass
