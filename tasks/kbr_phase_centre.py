@@ -39,7 +39,7 @@ def noise(equations, **settings):
     return noise_science.noise(equations, **settings)
 
 
-@stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=4)
+@stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=5)
 def solve(equations, measured, *, variant, **settings):
     """Phase centres of both satellites from one observable (variant); measured: its noise."""
     return estimate_science.solve(equations, measured, variant=variant, **settings)

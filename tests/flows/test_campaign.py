@@ -73,10 +73,8 @@ def test_a_campaign_says_and_makes_again_what_other_versions_made(events, monkey
 def test_a_killed_worker_is_replaced_and_nothing_is_left_to_do(environment, events, pipeline, tmp_path):
     """Contract: worker processes make the products, after kill -9 of one, too; a second campaign starts no cluster."""
     mark = tmp_path / "killed"
-    lines = (
-        f"    import os, pathlib\n    mark = pathlib.Path({str(mark)!r})\n    if count == 6 and not mark.exists():\n"
-    )
-    lines += "        mark.write_text('')\n        os.kill(os.getpid(), 9)\n    values ="
+    lines = f"    import os, pathlib\n    mark = pathlib.Path({str(mark)!r})\n    if count == 6 and not mark.exists():"
+    lines += "\n        mark.write_text('')\n        os.kill(os.getpid(), 9)\n    values ="
     pipeline.replace("first.py", "    values =", lines)
     code, summary = campaign(environment, events, "--engine", "inline")
     assert mark.exists()
@@ -117,9 +115,7 @@ def test_workers_serve_nobody_else_and_are_gone_with_their_cluster(environment):
 def test_an_interrupt_ends_a_campaign_at_once(environment, events, pipeline, tmp_path):
     """Contract: Ctrl-C does not wait for the events that are being computed; what was made stays valid."""
     mark = tmp_path / "begun"
-    lines = (
-        f"    import pathlib, time\n    pathlib.Path({str(mark)!r}).write_text('')\n    time.sleep(60)\n    values ="
-    )
+    lines = f"    import pathlib, time\n    pathlib.Path({str(mark)!r}).touch()\n    time.sleep(60)\n    values ="
     pipeline.replace("first.py", "    values =", lines)
     command = [sys.executable, str(SCRIPT), "campaign", "fakecal", "--data", str(events), "--engine", "inline"]
     process = subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)

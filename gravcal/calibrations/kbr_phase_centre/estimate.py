@@ -101,13 +101,12 @@ def solve(
     derivative = OBSERVABLES.index(variant)
     nominal = np.asarray(nominal_m, dtype=float).reshape(6)
     if method == "published":
-        parts, band = published_arcs(equations, derivative, published_trim_s), None
+        parts, of_noise = published_arcs(equations, derivative, published_trim_s), None
     else:
-        parts = arcs(equations, measured, derivative, orbit_degree, band_hz[1])
-        band = (*band_hz, float(measured.attrs["step_s"]))
+        parts, of_noise = arcs(equations, measured, derivative, orbit_degree, band_hz[1]), (measured, band_hz)
     numbers = [int(equations["arc"].values[part.index[0]]) for part in parts]
     sign = equations["sign"].values[numbers] if numbers else np.zeros(0)
-    results = [_subset(name, parts, sign, nominal, (robust_k0, robust_k1), band) for name in SUBSETS]
+    results = [_subset(name, parts, sign, nominal, (robust_k0, robust_k1), of_noise) for name in SUBSETS]
     values = {key: np.stack([result[key] for result in results]) for key in results[0]}
     centre = values["centre"][0, 0]
     joint = np.where(np.isfinite(centre), centre, nominal)
@@ -139,9 +138,8 @@ def arcs(equations: xr.Dataset, measured: xr.Dataset, derivative: int, degree: i
         slow = noise.slow_columns(time[index], segment[index], degree - derivative, derivative)
         if index.size <= slow.shape[1] + 10:
             continue
-        observed = equations["observed"].values[index]
-        observed = observed - observed.mean()  # a bias of 220 km would cost six digits
-        data = np.column_stack([observed, equations["column"].values[index], slow])
+        observed = equations["observed"].values[index]  # less its mean: a bias of 220 km would cost six digits
+        data = np.column_stack([observed - observed.mean(), equations["column"].values[index], slow])
         place = np.rint((time[index] - time[index[0]]) / step).astype(int)
         white = noise.white(noise.factor(lags, place, lever[index]), data)
         basis = least_squares.orthonormal(white[:, 7:])
@@ -179,11 +177,11 @@ def published_arcs(equations: xr.Dataset, derivative: int, trim_s: float) -> lis
     return result
 
 
-def _subset(name, parts, sign, nominal, constants, band):
+def _subset(name, parts, sign, nominal, constants, of_noise):
     """Phase centres of a sub-set of arcs by least squares and robust estimation, {variable: array}.
 
     Name is one of SUBSETS, sign (k,) that of the offset of each arc, nominal (6,) m, constants k0 and k1 of weights,
-    band lowest and highest Hz and step s, None for no scaling. The first axis of centre and errors is the estimator.
+    of_noise its product and the band Hz, None for no scaling. The first axis of centre and errors is the estimator.
     """
     result = {
         "centre": np.full((2, 6), np.nan),
@@ -209,7 +207,7 @@ def _subset(name, parts, sign, nominal, constants, band):
     residual = observed - design @ value
     variance = residual @ residual / max(observed.size - unknowns, 1)
     sharp = robust.solve(observed, design, constants, unknowns)
-    shape = band_variance(subset, design, residual, *band) / variance if band else 1.0
+    shape = noise_variance(subset, design, residual, *of_noise) / variance if of_noise else 1.0
     place = np.flatnonzero(free[:6])
     solutions = (value, normal / (variance * shape), 1.0), (sharp.value, sharp.information / shape, sharp.formal_factor)
     for k, (estimate, information, formal) in enumerate(solutions):
@@ -225,18 +223,25 @@ def _subset(name, parts, sign, nominal, constants, band):
     return result
 
 
-def band_variance(parts: list[Arc], design, residual, low_hz: float, high_hz: float, step_s: float) -> float:
-    """Power of residuals (n,) whitened, less design (n, p), in a band over that expected; 1 if noise is as measured."""
-    power = expected = 0.0
-    cuts = np.cumsum([part.observed.size for part in parts])[:-1]
-    global_columns = np.split(least_squares.orthonormal(design), cuts)
-    for part, columns, piece in zip(parts, global_columns, np.split(residual, cuts), strict=True):
-        frequency = np.fft.rfftfreq(piece.size, step_s)
-        inside = (frequency >= low_hz) & (frequency <= high_hz)
-        fitted = np.column_stack([part.basis, columns])
-        power += np.sum(np.abs(np.fft.rfft(piece)[inside]) ** 2) / piece.size
-        expected += inside.sum() - np.sum(np.abs(np.fft.rfft(fitted, axis=0)[inside]) ** 2) / piece.size
-    return power / max(expected, 1.0)
+def noise_variance(parts: list[Arc], design, residual, measured: xr.Dataset, band_hz) -> float:
+    """Variance of the noise at the frequencies of the design (n, p) over that assumed; 1 if noise is as measured.
+
+    The power of whitened residuals (n,) in the band over that expected, times what it is at those frequencies to that:
+    by residuals and by quiet data, of log variances v and w, averaged, and 1 + v w / (v + w) for the mean of 1 / power.
+    """
+    waves, cuts = [], np.cumsum([part.observed.size for part in parts])[:-1]
+    columns = least_squares.orthonormal(design), design / np.maximum(np.linalg.norm(design, axis=0), 1e-300)
+    for part, fitted, own, piece in zip(parts, *(np.split(one, cuts) for one in (*columns, residual)), strict=True):
+        frequency = np.fft.rfftfreq(piece.size, float(measured.attrs["step_s"]))
+        series = piece[:, None], np.column_stack([part.basis, fitted]), own
+        power = [np.sum(np.abs(np.fft.rfft(one, axis=0)) ** 2, axis=1) / piece.size for one in series]
+        waves.append(np.stack([frequency, *power])[:, (frequency >= band_hz[0]) & (frequency <= band_hz[1])])
+    frequency, power, leverage, weight = np.concatenate(waves, axis=1)
+    in_band, expected = power.sum() / max(np.sum(1 - leverage), 1.0), max(weight @ (1 - leverage), 1e-300)
+    spectrum, of_residuals = noise.spectrum(measured), weight**2 @ (1 - leverage) / expected**2
+    share = (weight / max(weight.sum(), 1e-300) - 1 / max(weight.size, 1)) @ spectrum.shares(frequency)
+    trust = 1 / (1 + of_residuals / max(share @ spectrum.covariance @ share, 1e-300))
+    return in_band * (weight @ power / expected / in_band) ** trust * (1 + trust * of_residuals)
 
 
 def _by_manoeuvre(equations, parts, numbers, joint, scale):

@@ -111,13 +111,10 @@ def test_the_error_of_a_bias_is_in_the_drag(tmp_path):
     given = (BIAS, ""), (BIAS + ERROR, ""), (BIAS, f"sigma = {ERROR}, ")
     sharp, wrong, wide = (drag_with(tmp_path, *one) for one in given)
     np.testing.assert_array_equal(wide["drag_b"].values, sharp["drag_b"].values)
-    for name, covariances in {
-        "drag_b": ("covariance", "covariance_total"),
-        "pressure": ("pressure_covariance",),
-    }.items():
+    of_drag = ("drag_b", "covariance"), ("drag_b", "covariance_total")
+    for name, covariance in (*of_drag, ("pressure", "pressure_covariance")):
         moved = wrong[name].values - sharp[name].values
         assert np.abs(moved).max() > 0
-        for covariance in covariances:
-            extra = wide[covariance].values - sharp[covariance].values
-            expected = moved[..., :, None] * moved[..., None, :]
-            np.testing.assert_allclose(extra, expected, rtol=1e-3, atol=1e-6 * np.abs(extra).max())
+        extra = wide[covariance].values - sharp[covariance].values
+        expected = moved[..., :, None] * moved[..., None, :]
+        np.testing.assert_allclose(extra, expected, rtol=1e-3, atol=1e-6 * np.abs(extra).max())
