@@ -44,7 +44,7 @@ def model_error(estimated, *moved):
     return named_parameters.with_model_error(estimated, *moved)
 
 
-@stage(reads=["thrusters.align", "thrusters.estimate"], writes="thrusters.checks", version=2)
+@stage(reads=["thrusters.align", "thrusters.estimate"], writes="thrusters.checks", version=3)
 def checks(aligned, estimated, **settings):
     """Consistency checks of attitude, orbit and firings, and of the estimates of parts of the day."""
     return estimation.check(aligned, estimated, **settings)

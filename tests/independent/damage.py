@@ -1,16 +1,17 @@
 """Faults for written files: each function takes a path (and where), and changes the file in place."""
 
+import re
 from pathlib import Path
 
 import h5py
 import numpy as np
 
-MARK = b"# End of YAML header\n"
+MARK = rb"(# End of YAML header\n|END OF HEADER[^\n]*\n)"
 
 
 def _read(path):
-    head, body = Path(path).read_bytes().split(MARK)
-    return head + MARK, body.splitlines(keepends=True)
+    head, mark, body = re.split(MARK, Path(path).read_bytes())
+    return head + mark, body.splitlines(keepends=True)
 
 
 def _write(path, head, rows):

@@ -216,8 +216,7 @@ def _subset(name, parts, sign, nominal, constants, of_noise):
         result["centre"][k, place] += estimate[: place.size]
         result["covariance"][k][np.ix_(place, place)] = covariance
         result["formal_sigma"][k, place] = np.sqrt(np.diag(covariance) / shape) * formal
-    singular = np.linalg.svd(design, compute_uv=False)
-    result["condition"] = float(singular[0] / singular[-1]) if singular[-1] > 0 else np.inf
+    result["condition"] = float(np.linalg.cond(design))
     result["sigma0"] = np.sqrt(np.array([variance * shape, sharp.scale**2]))
     result["kept"] = float(sharp.weight.mean())
     return result

@@ -166,6 +166,7 @@ def check(aligned: xr.Dataset, solution: xr.Dataset, **limits: float) -> xr.Data
         at_most("tags of the attitude against the orbit", lag, limits["camera_limit_s"], "s"),
         at_most("jump of the attitude", jump, limits["jump_limit_rad"], "rad"),
         at_most("velocity against change of position", error, limits["velocity_limit_m_s"], "m s-1"),
+        at_most("gap of the orbit", np.diff(aligned["time_orbit"].values).max(), limits["orbit_gap_limit_s"], "s"),
         at_least("firings in the record", int(solution["firings"]), 1, "1"),
         at_least("chi-square gained by the firings over the most at wrong times", ratio, 1.0, "1"),
         at_most("variance of the day over that of its quiet stretches", inflated, limits["inflation_limit"], "1"),
