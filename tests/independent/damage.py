@@ -6,11 +6,11 @@ from pathlib import Path
 import h5py
 import numpy as np
 
-MARK = rb"(# End of YAML header\n|END OF HEADER[^\n]*\n)"
+MARK = b"# End of YAML header\n"
 
 
 def _read(path):
-    head, mark, body = re.split(MARK, Path(path).read_bytes())
+    head, mark, body = re.split(b"(" + MARK + b"|END OF HEADER[^\n]*\n)", Path(path).read_bytes())
     return head + mark, body.splitlines(keepends=True)
 
 
