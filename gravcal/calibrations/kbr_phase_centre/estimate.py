@@ -225,8 +225,8 @@ def _subset(name, parts, sign, nominal, constants, of_noise):
 def noise_variance(parts: list[Arc], design, residual, measured: xr.Dataset, band_hz) -> float:
     """Variance of the noise at the frequencies of the design (n, p) over that assumed; 1 if noise is as measured.
 
-    The power of whitened residuals (n,) in the band over that expected, times what it is at those frequencies to that:
-    by residuals and by quiet data, of log variances v and w, averaged, and 1 + v w / (v + w) for the mean of 1 / power.
+    Power of whitened residuals (n,) over that expected: of the band, times its ratio there to it, whose log is that of
+    the residuals and 0 of quiet data, weighted by their variances; what both leave open raises the mean of 1 / power.
     """
     waves, cuts = [], np.cumsum([part.observed.size for part in parts])[:-1]
     columns = least_squares.orthonormal(design), design / np.maximum(np.linalg.norm(design, axis=0), 1e-300)

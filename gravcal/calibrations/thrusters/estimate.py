@@ -158,15 +158,15 @@ def estimate(
 
 def check(aligned: xr.Dataset, solution: xr.Dataset, **limits: float) -> xr.Dataset:
     """Checks of the inputs against each other and of the result, "thrusters.align" and "thrusters.estimate"."""
-    jump = checks.attitude_jump(aligned["time"].values, aligned["quaternion"].values)
+    time, (_, angle, rate) = aligned["time"].values, model.off_the_orbit(aligned)
+    jump, error = checks.attitude_jump(time, aligned["quaternion"].values), aligned["velocity_error"]
     ratio, inflated = solution["gain"] / max(float(solution["shifted_gain"].max()), 1.0), solution["inflation"]
-    _, angle, rate = model.off_the_orbit(aligned)
-    lag, error = abs(np.median(angle / rate)), aligned["velocity_error"]
+    gap = np.diff(aligned["time_orbit"].values, prepend=time[0], append=time[-1]).max()
     rows = [
-        at_most("tags of the attitude against the orbit", lag, limits["camera_limit_s"], "s"),
+        at_most("tags of the attitude against the orbit", abs(np.median(angle / rate)), limits["camera_limit_s"], "s"),
         at_most("jump of the attitude", jump, limits["jump_limit_rad"], "rad"),
         at_most("velocity against change of position", error, limits["velocity_limit_m_s"], "m s-1"),
-        at_most("gap of the orbit", np.diff(aligned["time_orbit"].values).max(), limits["orbit_gap_limit_s"], "s"),
+        at_most("gap of the orbit", gap, limits["orbit_gap_limit_s"], "s"),
         at_least("firings in the record", int(solution["firings"]), 1, "1"),
         at_least("chi-square gained by the firings over the most at wrong times", ratio, 1.0, "1"),
         at_most("variance of the day over that of its quiet stretches", inflated, limits["inflation_limit"], "1"),
