@@ -173,7 +173,10 @@ class Calibration:
         """
         archive.check_own(out)
         chosen = catalog.parameters(f"simulate_{self.name}").with_settings(settings or {})
-        day = (datetime.strptime(chosen.date, "%Y-%m-%d") - EPOCH).total_seconds()
+        try:
+            day = (datetime.strptime(chosen.date, "%Y-%m-%d") - EPOCH).total_seconds()
+        except ValueError:
+            refuse(f"date {chosen.date}", "no day of the calendar", "YYYY-MM-DD", "Correct it.", CatalogError)
         Path(out).mkdir(parents=True, exist_ok=True)
         if truth is not None:
             Path(truth).parent.mkdir(parents=True, exist_ok=True)
@@ -283,10 +286,14 @@ def model_result(text: str, calibration: str, records: str | None) -> str:
 def _entry(effect, path):
     """Entry of a model for a stage: {"cause", "form", "parameters": {name: {"value", ...}}, ...}, names checked."""
     cause, values = effect["cause"], {}
-    known = None if cause.startswith("unknown:") else [p.name for p in effect_catalogue.effect(cause).parameters]
+    listed = not cause.startswith("unknown:")
+    units = {p.name: p.unit for p in effect_catalogue.effect(cause).parameters} if listed else {}
     for name, parameter in effect["parameters"].items():
-        if known is not None and name not in known and name.removesuffix("_1").removesuffix("_2") not in known:
-            refuse(path, f"{cause}.{name}", f"one of {', '.join(known)}", WRITTEN, CatalogError)
+        unit = units.get(name, units.get(name.removesuffix("_1").removesuffix("_2")))
+        if listed and unit is None:
+            refuse(path, f"{cause}.{name}", f"one of {', '.join(units)}", WRITTEN, CatalogError)
+        if listed and parameter.get("unit", unit) != unit:
+            refuse(path, f"{cause}.{name} in {parameter['unit']}", f"it in {unit}", "Convert it.", CatalogError)
         values[name] = {n: float(parameter[n]) for n in ("value", "sigma") if n in parameter}
         values[name] |= {"unit": parameter["unit"]} if "unit" in parameter else {}
         if "sigma" in parameter and "correlation" in parameter:

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from flows import command, discover, engine
 from flows.calibration import Calibration, load
 from flows.engine import server
-from gravcal.errors import GravcalError, refuse
+from gravcal.errors import GravcalError, ProductError, refuse
 from gravcal.store import history, keys, location, product, results, schemas, store
 from tasks import stage
 
@@ -123,12 +123,16 @@ def answered(campaign, source):
                     note(step, "cached", step.ref)
             return _row(calibration, ref, note) | effort
     except GravcalError as error:  # such as a file that is missing: nothing had to be computed to see it
-        noted = history.recorded(name, event)
-        with contextlib.suppress(GravcalError), location.configured(chosen.configuration), noted:
-            raise error
-        return {"event": event, "status": command.status_of(error), "error": str(error)} | _effort(0, 0, started)
+        return _failed(campaign, event, error) | _effort(0, 0, started)
     except Exception:  # noqa: BLE001 - what goes wrong goes wrong again in its worker, which says it
         return None
+
+
+def _failed(campaign, event, error):  # row (dict) of an event that a GravcalError ended, noted as its last run
+    noted = history.recorded(campaign.one.flow.flow_name, event)
+    with contextlib.suppress(GravcalError), location.configured(campaign.chosen.configuration), noted:
+        raise error
+    return {"event": event, "status": command.status_of(error), "error": str(error)}
 
 
 def make(campaign, source, folder):
@@ -240,8 +244,7 @@ def _make_all(campaign, sources, rows, listener):
             try:
                 row = futures.pop(number).result()
             except Exception as error:  # noqa: BLE001 - a worker that died too often, a lost scheduler
-                text = f"{type(error).__name__}: {error}"
-                row = {"event": waiting[number].event, "status": "failed", "error": text}
+                row = _failed(campaign, waiting[number].event, ProductError(f"{type(error).__name__}: {error}"))
             return heard(number, row)
 
         def events():

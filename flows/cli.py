@@ -218,7 +218,8 @@ def _joint(calibration, satellite, data, configuration, events, engine, workers,
     command.check_searched(calibration)
     chosen = configurations.record(command.chosen(calibration, *configuration))
     named = [one.strip() for one in events.split(",") if one.strip()]
-    searches = discoveries.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
+    with _failures(calibration, satellite or str(data), json, chosen.configuration):
+        searches = discoveries.joint(calibration, satellite, data, chosen, named, engine=engine, workers=workers)
     for document, files, _ in searches if out else ():
         named = out.with_stem(f"{out.stem}-{document['satellite']}") if len(searches) > 1 else out
         shutil.copy(next(path for path in files if path.name == "joint.html"), named)
@@ -301,7 +302,8 @@ def campaign(
 ) -> None:
     """Calibrate all events of a satellite, in parallel; a failed event is tabulated and stops no other."""
     chosen = command.chosen(calibration, settings, model, as_)
-    sources = command.many_sources(calibration, satellite, data)
+    with _failures(calibration, satellite or str(data), json, chosen.configuration):
+        sources = command.many_sources(calibration, satellite, data)
     configurations.record(chosen)
     if search or limits:
         command.check_searched(calibration)
@@ -324,10 +326,10 @@ def fetch(event, out, satellite, date, place, part, release, dry, json) -> None:
         raise typer.BadParameter("give an EVENT of the catalogue, or --satellite and --date")
     if not event and satellite not in ("A", "B", "AB", "C", "D", "CD"):
         raise typer.BadParameter(f"--satellite {satellite}: expected A, B, AB, C, D or CD")
-    day = None if event else datetime.date.fromisoformat(date)
     if event:
         archives = fetching.of_event(catalog.event(event))
     else:
+        day = datetime.date.fromisoformat(date)
         archives = fetching.of_day(satellite, day, part.replace(" ", "").split(","), release)
     if dry:
         rows = [{"address": fetching.addresses(one, place)[0], "read": one.layout["read"]} for one in archives]
@@ -564,10 +566,9 @@ def _promoted(one):  # text on a promotion, dict of `configurations.operational`
 def compare(calibration, first, second, satellite, out, json) -> None:
     """Say what changes between two configurations, for every event that both have: values, verdicts, checks."""
     document = command.compare(calibration, first, second, satellite)
-    output.write_json(document, json)
     if out is not None:
         out.write_text(comparison.page(document))
-    if not output.to_screen(json):
+    if not output.delivered(document, json):
         return
     for heads, rows in comparison.tables(document):
         if rows:
@@ -585,9 +586,11 @@ def compare(calibration, first, second, satellite, out, json) -> None:
 def export(event, out, as_, json) -> None:
     """Put reports, documents, models, products, provenance and citation of an event into one folder or zip."""
     out = out or Path(f"{event}{f'-{as_}' if as_ else ''}.zip")
-    files = exports.export(event, out, as_)
-    if output.delivered({"event": event, "out": str(out), "files": files}, json):
+    files, left_out = exports.export(event, out, as_)
+    if output.delivered({"event": event, "out": str(out), "files": files, "left_out": left_out}, json):
         output.say(f"{len(files)} files in {out}; CITATION.cff says what to cite")
+        if left_out:
+            output.say(f"left out, made from other files of these days: {', '.join(left_out)}")
 
 
 @command_of(app)
@@ -612,7 +615,7 @@ def events(calibration, sequence, save, json) -> None:
             output.say("in force at the end of the file")
             output.named(document["in_force"], "name", "satellite", "time", "values", "comment")
         return
-    rows, installed = [], load_all()
+    rows, installed = [], {calibration: command.record(calibration)} if calibration else load_all()
     for event in catalog.events(calibration=calibration):
         if event.calibration in installed:
             try:

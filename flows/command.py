@@ -1,5 +1,6 @@
 """Work of the commands, without reading arguments and without printing."""
 
+import collections
 import difflib
 import functools
 import shutil
@@ -179,7 +180,11 @@ def many_sources(calibration, satellite, data):
             check_folder(calibration, data)
             whose = f" of satellite {satellite}" if satellite else ""
             refuse(data, f"no Level-1 file that begins an event{whose}", "one", "Give another folder.")
-        return [_source(one, None, data=folder, satellite=letters, date=date) for folder, letters, date in days]
+        made = [_source(one, None, data=folder, satellite=letters, date=date) for folder, letters, date in days]
+        counts = collections.Counter(source.event for source in made)
+        twice = "found files of this day, expected them in one folder alone. Give --data one of the folders."
+        refused = lambda source, folder: Refused(source.event, f"{folder}: {twice}")  # noqa: E731
+        return [s if counts[s.event] == 1 else refused(s, day[0]) for s, day in zip(made, days, strict=True)]
     known_events = catalog.events(calibration=calibration)
     names = [event.name for event in known_events if satellite is None or set(satellite) & set(event.letters)]
     return [_source(one, name, data=None, satellite=None, date=None) for name in names]
@@ -243,10 +248,7 @@ def compare(calibration, first, second, satellite=None):
     check_satellite(calibration, satellite, [*one.satellites, "".join(one.satellites), *"".join(one.satellites)])
     for name in (first, second):
         configurations.settings_of(calibration, name)
-
-    def wanted(event):  # True if it is of the satellite
-        return satellite is None or bool(set(satellite) & set(timeline.letters_of(event)))
-
+    wanted = lambda event: satellite is None or bool(set(satellite) & set(timeline.letters_of(event)))  # noqa: E731
     document = comparison.between(one, (first, second), wanted)
     if not document["events"]:
         counts = " and ".join(f"{len(events)} events of {name}" for name, events in document["only_in"].items())

@@ -145,9 +145,9 @@ def _of_one(name, satellite, rows, chosen, left_out):
     record, letter = calibrations.load(name), satellite[0]
     settings = {"configuration": chosen.configuration, "left_out": left_out}
     about = {"event": owner(record, satellite), "satellite": satellite, "calibration": name}
-    previous = store.newest_record(about["event"], f"{name}.joint")
-    before = (previous and location.read_json(store.folder_of(previous["key"]) / "joint.json")) or {}
-    with using(inline):
+    with location.configured(chosen.configuration), using(inline):
+        previous = store.newest_record(about["event"], f"{name}.joint")
+        before = (previous and location.read_json(store.folder_of(previous["key"]) / "joint.json")) or {}
         ref = discovery.joint(
             *(store.find(Path(row["report"]).name) for row in rows),
             events=[row["event"] for row in rows],

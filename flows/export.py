@@ -17,24 +17,28 @@ from gravcal.errors import CatalogError, refuse
 from gravcal.report import discovery
 from gravcal.store import history, housekeeping, location
 
-#: (title, publisher, DOI or None) of Level-1 data by mission and level.
+#: DOI of Level-1 data of a mission, by level and release.
 DATA = {
-    ("GRACE", "1B"): ("GRACE Level-1B, release 02", "JPL, PO.DAAC", None),
-    ("GRACE-FO", "1A"): ("GRACE-FO Level-1A, release 04", "JPL, PO.DAAC", "10.5067/GFJPL-L1A04"),
-    ("GRACE-FO", "1B"): ("GRACE-FO Level-1B, release 04", "JPL, PO.DAAC", "10.5067/GFJPL-L1B04"),
+    ("GRACE", "1B", "03"): "10.5067/GRJPL-L1B03",
+    ("GRACE-FO", "1A", "04"): "10.5067/GFJPL-L1A04",
+    ("GRACE-FO", "1B", "04"): "10.5067/GFJPL-L1B04",
 }
 MISSIONS = {letter: mission for mission, own in catalog.PAIRS.items() for letter in "".join(own)}
 
 
-def export(event: str, out: Path, name: str | None = None) -> list[str]:
-    """Names of the files written into a folder, or into one zip where the path ends so; of an experiment if named.
+def export(event: str, out: Path, name: str | None = None) -> tuple[list[str], list[str]]:
+    """Files written into a folder, or a zip where the path ends so, and stages left out; of an experiment if named.
+
+    Left out is what was made from other files of the same days than the newest report: an archive is of one origin.
 
     Raises
     ------
     ProductError : no report of the event in this configuration, or the folder or file is there already
     """
     configuration = name or location.OPERATIONAL
-    entries = housekeeping.entries(event=event, configuration=configuration)
+    every = housekeeping.entries(event=event, configuration=configuration)
+    entries = _of_one_origin(every)
+    left_out = sorted({one.ref.stage for one in every} - {one.ref.stage for one in entries})
     reports = [one for one in entries if one.ref.stage.endswith("report")]
     if not reports:
         missing = f"no report of the configuration {configuration} in {location.folder()}"
@@ -56,11 +60,24 @@ def export(event: str, out: Path, name: str | None = None) -> list[str]:
         with zipfile.ZipFile(out, "w", zipfile.ZIP_DEFLATED) as archive:
             for path, content in files.items():
                 archive.writestr(f"{event}/{path}", content)
-        return sorted(files)
+        return sorted(files), left_out
     for path, content in files.items():
         (out / path).parent.mkdir(parents=True, exist_ok=True)
         (out / path).write_bytes(content)
-    return sorted(files)
+    return sorted(files), left_out
+
+
+def _of_one_origin(entries):
+    """Entries made from the Level-1 files of the newest report, as far as it has files of the same days."""
+    used, kept = {}, []
+    for one in sorted(entries, key=lambda entry: (entry.ref.stage.endswith("report"), entry.record["made"]))[::-1]:
+        raw = [raw for raw in history.raw_files(one.ref.key) if raw["product"] not in history.AUXILIARY]
+        files = [((raw["product"], raw["satellite"], raw["date"]), raw["digest"]) for raw in raw]
+        if all(digest in used.get(day, (digest,)) for day, digest in files):
+            kept.insert(0, one)
+            for day, digest in files:
+                used.setdefault(day, set()).add(digest)
+    return kept
 
 
 def _told_once(node, written):
@@ -75,12 +92,13 @@ def _told_once(node, written):
 def citation(event: str, configuration: str, reports: list) -> str:
     """Citation File Format 1.2.0 of the results of an event: the measured data and the papers they rest on."""
     raw = [one for report in reports for one in history.raw_files(report.ref.key)]
-    levels = sorted({(MISSIONS[one["satellite"]], one["product"][-2:]) for one in raw if one["satellite"] in MISSIONS})
+    raw = [one for one in raw if one["satellite"] in MISSIONS and one["product"][-2:] in ("1A", "1B")]
+    cited = sorted({(MISSIONS[one["satellite"]], one["product"][-2:], one["release"]) for one in raw})
     simulated = any(housekeeping.content(one).attrs.get("origin", "measured") != "measured" for one in reports)
-    cited = [] if simulated else [DATA[one] for one in levels if one in DATA]
     references = [
-        {"type": "data", "title": title, "authors": [{"name": publisher}]} | ({"doi": doi} if doi else {})
-        for title, publisher, doi in cited
+        {"type": "data", "title": f"{mission} Level-{level}, release {release}", "authors": [{"name": "JPL, PO.DAAC"}]}
+        | ({"doi": DATA[mission, level, release]} if (mission, level, release) in DATA else {})
+        for mission, level, release in ([] if simulated else cited)
     ]
     dois = set()
     for calibration in {report.ref.kind.partition(".")[0] for report in reports}:

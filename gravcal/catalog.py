@@ -5,9 +5,7 @@
 ship with the package; a folder named by the environment variable GRAVCAL_CATALOG is searched first: a user's own
 entries add or override.
 
-Constants of a satellite have value, unit, frame, sigma and source; events have a date, planned and found manoeuvres and
-the Level-1 files that hold them; published values are as printed, each with its citation; parameters are all numbers
-that a stage takes, each with its reason and its allowed range.
+What each holds: docs/adding_a_satellite.md, docs/adding_an_event.md. Published values are as printed, with citation.
 """
 
 import csv

@@ -21,7 +21,7 @@ def detect(magnetometer, **settings):
     return aligning.detect(magnetometer, **settings)
 
 
-@stage(reads=["com_offset.detect", "ingest"], writes="com_offset.align", version=2)
+@stage(reads=["com_offset.detect", "ingest"], writes="com_offset.align", version=3)
 def align(*observed, **settings):
     """Records about the manoeuvres on GPS time."""
     return aligning.align(*observed, **settings)
@@ -33,13 +33,13 @@ def field(aligned, *, igrf_generation):
     return modelling.field(aligned, igrf_generation=igrf_generation)
 
 
-@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.attitude", version=2)
+@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.attitude", version=3)
 def attitude(aligned, checked, **settings):
     """Attitude by dynamics fitted to the star camera, and edge times of the manoeuvres in both instruments."""
     return attitudes.attitude(aligned, checked, **settings)
 
 
-@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.survey", version=2)
+@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.survey", version=3)
 def survey(aligned, checked):
     """Ratio of roll acceleration (star camera) to roll torque (torquer currents, measured field)."""
     return modelling.survey(aligned, checked)

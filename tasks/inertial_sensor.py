@@ -28,7 +28,7 @@ def align(detected, *observed, **settings):
     return records.align(detected, *files.between(observed), **settings)
 
 
-@stage(reads=["inertial_sensor.align"], writes="inertial_sensor.scale", version=2)
+@stage(reads=["inertial_sensor.align"], writes="inertial_sensor.scale", version=3)
 def scale(aligned, **settings):
     """Angular and linear scale factors, and delay of the star tracker."""
     return estimating.scale(aligned, **settings)
@@ -67,7 +67,7 @@ def checks(detected, *observed, **settings):
     return checks_science.inputs(detected, files.loaders(observed), **settings)
 
 
-@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.report", version=2)
+@stage(reads=["inertial_sensor.*"], writes="inertial_sensor.report", version=3)
 def report(*products, event, names, settings, published):
     """Result document and page."""
     return page.report(*products, event=event, names=names, settings=settings, published=published)

@@ -15,7 +15,7 @@ KINDS = product.registered("kbr_phase_centre", **schemas.of("kbr_phase_centre.to
 ALIGN, POINTING, OBSERVABLE, NOISE, SOLVE, COMBINE, REPORT, CHECKED = KINDS
 
 
-@stage(reads=["ingest"], writes=ALIGN, version=1)
+@stage(reads=["ingest"], writes=ALIGN, version=2)
 def align(*observed, **settings):
     """Ranging, orbits and attitudes on GPS time."""
     return align_science.align(*observed, **settings)

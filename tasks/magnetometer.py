@@ -14,7 +14,7 @@ page = lazy("gravcal.calibrations.magnetometer.page")
 KINDS = product.registered("magnetometer", **schemas.of("magnetometer.toml"))
 
 
-@stage(reads=["ingest"], writes="magnetometer.align", version=3)
+@stage(reads=["ingest"], writes="magnetometer.align", version=4)
 def align(observed, camera, orbit, **settings):
     """Measured and reference field in the body frame."""
     return model.align(observed, camera, orbit, **settings)
@@ -48,7 +48,7 @@ def theirs(file):
 READ = ["magnetometer.align", "magnetometer.estimate", "ingest", "ingest", "magnetometer.theirs"]
 
 
-@stage(reads=READ, writes="magnetometer.beside", version=2)
+@stage(reads=READ, writes="magnetometer.beside", version=3)
 def beside(aligned, estimated, camera, orbit, published, **settings):
     """Calibrated field published by others (CDF) less ours, and the parameters that it implies."""
     return estimation.compare(aligned, estimated, camera, orbit, published, **settings)

@@ -15,7 +15,7 @@ ranging = lazy("gravcal.calibrations.ranging.page")
 KINDS = product.registered("routine", **schemas.of("routine.toml"))
 
 
-@stage(reads=["ingest"], writes="routine.align", version=1)
+@stage(reads=["ingest"], writes="routine.align", version=2)
 def align(*observed, **settings):
     """Accelerometer readings averaged over time steps, with torquer dipoles and thruster firings."""
     return science.align(*observed, **settings)

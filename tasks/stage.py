@@ -4,20 +4,8 @@
     dataset = solve(field_dataset, lowpass_hz=0.5)          # datasets in, dataset out: the bare body, for tests
     dataset = read(ref)                                     # what a product holds; docs/adding_a_calibration.md
 
-- Positional arguments are products or Level-1 files, keyword arguments settings, all of which a call gives.
-- A body that takes ``**settings`` hands all settings on to a science function, whose keywords say what there is.
-- ``reads`` names the kind of each positional argument; the last one repeats for ``*refs``; "a|b" allows both,
-  "*.solve" any calibration's, "file" a LevelOneFile, which the body is given as it is.
-- ``event=`` and ``variant=`` may be given to any stage. The event is otherwise that of the inputs, or mission,
-  satellite and date of the file; the variant of a stage that reads a file is otherwise product and satellite. The
-  body receives them only if it names them as keyword arguments.
-- A body may return (dataset, {"report.html": text or bytes}): these files are kept beside the product, in
-  ``ref.folder``.
-- ``also=["gravcal.effects.torque"]`` names modules that the body reaches without an import statement.
-- ``writes="{calibration}.discovery"``, ``also=["{observations}"]``: a stage of several calibrations, named in settings.
-- ``lazy("gravcal.calibrations.com_offset")`` stands for a module that is imported at its first use.
-
-What a call does is up to the engine (``using``): compute here, say what would be computed, or submit it to Prefect.
+What `stage` takes and a body may return: docs/adding_a_calibration.md. What a call does is up to the engine
+(``using``): compute here, say what would be computed, or submit it to Prefect.
 """
 
 import contextlib

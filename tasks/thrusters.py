@@ -14,7 +14,7 @@ page = lazy("gravcal.calibrations.thrusters.page")
 KINDS = product.registered("thrusters", **schemas.of("thrusters.toml"))
 
 
-@stage(reads=["ingest"], writes="thrusters.align", version=1)
+@stage(reads=["ingest"], writes="thrusters.align", version=2)
 def align(observed, fired, orbit, *twin, **settings):
     """Attitude, firings of both satellites and orbit of one day."""
     return model.align(observed, fired, orbit, *twin, **settings)

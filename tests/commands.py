@@ -47,10 +47,7 @@ def printed_json(capsys, *arguments):
 
 
 def document(word, calibration, data, *options, origin="simulated"):
-    """Exit code and document, a valid one, of a command on the files of a folder, written beside it as WORD.json.
-
-    Without a document the test fails with the command's own error.
-    """
+    """Exit code and valid document of a command on the files of a folder; without one its own error fails the test."""
     target = Path(data).parent / f"{word}.json"
     where = ("--data", data, "--engine", "inline", "--json", target)
     result = CliRunner().invoke(cli.app, [str(one) for one in (word, calibration, *where, *options)])
@@ -104,10 +101,7 @@ def run(calibration, folder, discovery=False, satellite=None, **settings):
 
 
 def questionable(calibration, folder, **settings):
-    """True if the files of a folder are refused, or make a questionable document that says in words which check fails.
-
-    False where they are delivered.
-    """
+    """True if files are refused, or make a questionable document that names a failed check; False if delivered."""
     try:
         document, _ = run(calibration, folder, **settings)
     except GravcalError:

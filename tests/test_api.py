@@ -82,10 +82,7 @@ def test_manoeuvres_together_are_one_least_squares():
 
 
 def test_what_is_not_determined_or_missing_is_no_number_and_has_no_weight():
-    """Contract: a turn about one axis alone tells nothing of what lies along it; NaN is left out.
-
-    A wrong shape and a short record are errors that say so.
-    """
+    """Contract: nothing of what lies along a single turn; NaN is left out; wrong shape and short records are errors."""
     rng = seeds.generator("undetermined", 0)
     time, zero = 0.1 * np.arange(600), np.zeros((600, 3))
     rate_dot = np.stack([1e-6 * np.sin(time), 0 * time, 0 * time], axis=1)

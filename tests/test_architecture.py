@@ -47,10 +47,7 @@ def layer(name):
 
 
 def test_imports_are_those_of_the_table_and_point_down():
-    """Contract: the table of docs/architecture.md, from top to bottom, is what the layers import.
-
-    Prefect is known to flows and tasks only, xarray to those that hold datasets.
-    """
+    """Contract: as in the table of docs/architecture.md; Prefect is for flows and tasks, xarray for datasets."""
     rows = re.findall(r"^\| `(\w+)` \|.*\|([\w, ]*)\|$", (ROOT / "docs" / "architecture.md").read_text(), re.MULTILINE)
     stated = {name: set(filter(None, map(str.strip, below.split(",")))) for name, below in rows}
     found = {name: set() for name in stated}

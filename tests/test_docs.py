@@ -30,10 +30,7 @@ def site(tmp_path_factory):
 
 @pytest.mark.long
 def test_every_page_is_in_the_site_and_needs_no_network(site):
-    """Contract: each page of docs, README and changes, one for each calibration reached from the first, the pictures.
-
-    Scripts, styles, fonts and pictures come from the site itself.
-    """
+    """Contract: docs, README, changes, pictures, a page a calibration; scripts, styles and fonts are of the site."""
     assert {path.stem for path in DOCS.glob("*.md")} <= {path.stem for path in site.glob("*.html")}
     assert "Eight calibrations, one chain" in (site / "overview.html").read_text()
     assert list((site / "_images").glob("*.png"))

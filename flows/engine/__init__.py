@@ -6,9 +6,6 @@ def calibrate(source, chosen): ...
 ref = calibrate(source, chosen)                          # inline
 steps, ref = plan(calibrate, source, chosen)             # what would be reused or made, and why; computes nothing
 ref = run(calibrate, source, chosen, engine="prefect")   # plans first; starts Prefect only if there is work
-
-Through Prefect each stage is a task, so that a run can be watched and its history kept. The store decides what runs:
-Prefect's own cache stays off, and a product that is there ends its task as "Cached".
 """
 
 import contextlib
@@ -25,7 +22,7 @@ import threadpoolctl
 from flows.engine import server as servers
 from gravcal.errors import GravcalError, refuse
 from gravcal.io import archive
-from gravcal.store import history, keys, location, store
+from gravcal.store import history, housekeeping, keys, location, store
 from gravcal.store.store import ProductRef
 from tasks import stage
 
@@ -176,6 +173,7 @@ def warn(message):
 def remake(entry):
     """Make a product (Entry) again in an empty store: {"product", "equal": bool, "stages": [dict of `_remade`]}."""
     stages = []
+    housekeeping.content(entry)  # refused if it is not what its record says
     single_threaded()
     with tempfile.TemporaryDirectory(prefix="gravcal-rebuild-") as folder:
         original = location.folder()

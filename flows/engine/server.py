@@ -34,22 +34,14 @@ START_LIMIT_S = 180.0  # a first start took 11 s on a quiet machine, a minute on
 DRAIN_LIMIT_S = 20.0
 BUSY_RETRIES = 6  # 12 s in all, longer than SQLite waits for its lock
 OWN = "gravcal-process-"
-RUNS = {  # fields of a deployment that say what its runs do
-    "name", "flow_id", "entrypoint", "path", "pull_steps", "parameters", "parameter_openapi_schema", "job_variables",
-    "enforce_parameter_schema", "storage_document_id", "infrastructure_document_id", "work_pool_name",
-}  # fmt: skip
 LOG_LIMIT = 1_000_000  # bytes of server.log; as many again are kept in server.log.1
 
-ENTER = """<!DOCTYPE html><title>gravcal</title>
-<script>localStorage.setItem("prefect-password", location.hash.slice(1)); location.replace("/")</script>
-"""  # hands the authentication string to Prefect's page; what follows "#" never leaves the browser
-OPEN = """<!DOCTYPE html><title>gravcal</title><meta http-equiv="refresh" content="0; url={where}#{string}">
-<p>Prefect's page: <a href="{where}#{string}">{where}</a></p>
-"""
 ENDED = ["COMPLETED", "FAILED", "CRASHED", "CANCELLED"]
 BEGUN = ["RUNNING", "PENDING", "CANCELLING"]
-#: Environment of Prefect and of Dask.
-SETTINGS, DASK = tomllib.loads(Path(__file__).with_name("settings.toml").read_text(encoding="utf-8")).values()
+#: Environment of Prefect and of Dask, pages that sign in, fields of a deployment that say what its runs do.
+SETTINGS, DASK, PAGES, DEPLOYMENT = tomllib.loads(
+    Path(__file__).with_name("settings.toml").read_text(encoding="utf-8")
+).values()
 
 
 class Unavailable(Exception):
@@ -94,7 +86,7 @@ def page(url, name):
     path.unlink(missing_ok=True)
     encoded = base64.b64encode(os.environ[AUTH].encode()).decode()
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w") as file:
-        file.write(OPEN.format(where=url.removesuffix("/api") + "/enter", string=encoded))
+        file.write(PAGES["open"].format(where=url.removesuffix("/api") + "/enter", string=encoded))
     return path
 
 
@@ -192,8 +184,10 @@ def sign(url, flow_run):
 
 
 def registered(url, deployment):
-    """{field: value} of a deployment (id) that say what its runs do (`RUNS`), as the server holds them."""
-    return {name: value for name, value in ask(url, f"/deployments/{deployment}").items() if name in RUNS}
+    """{field: value} of a deployment (id) that say what its runs do (`DEPLOYMENT`), as the server holds them."""
+    return {
+        name: value for name, value in ask(url, f"/deployments/{deployment}").items() if name in DEPLOYMENT["fields"]
+    }
 
 
 def bury(url, deployments=()):
@@ -280,7 +274,7 @@ def serve(door, parent):
     from starlette.routing import Route
 
     app = create_app()
-    app.routes.insert(0, Route("/enter", lambda _: HTMLResponse(ENTER)))
+    app.routes.insert(0, Route("/enter", lambda _: HTMLResponse(PAGES["enter"])))
     config = uvicorn.Config(TrustedHostMiddleware(app, NAMES), log_level="error", access_log=False)
     uvicorn.Server(config).run(sockets=[door])
 

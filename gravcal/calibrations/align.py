@@ -12,12 +12,13 @@ from gravcal.physics import earth, frames
 #: Bits of a reader's flag that make a sample unusable; order and repetition are settled here.
 UNUSABLE = 1 | 2 | 16 | 32 | 64 | 128
 #: Quality bits of the products that make a sample unusable.
-QUALITY = {"ACC1A": 0b1101010, "ACT1A": 0b1101010, "SCA1B": 0b1, "MAG1B": 0b11000010, "GNV1B": 0, "GNI1B": 0}
+QUALITY = {"ACC1A": 0b1001010, "ACT1A": 0b1001010, "SCA1B": 0b1, "MAG1B": 0b11000010, "THR1B": 0b11000001}
 STATE = ("xpos", "ypos", "zpos", "xvel", "yvel", "zvel")
 QUATERNION = ("quatangle", "quaticoeff", "quatjcoeff", "quatkcoeff")
 #: s, of tags of a pair of satellites: longest lag searched, step of the epochs compared, distance of independent lags,
 #: distance from a manoeuvre, least lag of tags that are off; pointing off by milliradians looks like a few seconds.
 LONGEST_S, EVERY_S, APART_S, MARGIN_S, LATE_S = 600, 60, 60, 300.0, 10.0
+BRIDGED_S = 180.0  # s, longest gap of orbits and attitudes that is interpolated over
 CLEARLY = 4.0  # least ratio of the misfit at any independent lag to that at the best lag
 JUMP_S = 1e-6  # s, of a clock
 WHOLE_S = 0.5  # s, error of lags that are searched in whole seconds
@@ -73,6 +74,8 @@ def gps_tags(observed: xr.Dataset, tim1b: xr.Dataset, clk1b: xr.Dataset, clock_g
 
 def between(at: np.ndarray, time: np.ndarray, limit: float) -> np.ndarray:
     """True for each epoch (m,) on or between two ordered samples (n,) that are at most `limit` apart (s)."""
+    if time.size < 2:
+        return np.zeros(at.shape, dtype=bool)
     index = np.clip(np.searchsorted(time, at), 1, time.size - 1)
     return (at >= time[0]) & (at <= time[-1]) & (time[index] - time[index - 1] <= limit)
 

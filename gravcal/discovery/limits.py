@@ -154,7 +154,7 @@ def _row(scored, index, column, scale):
     size, ratio = (float(RATIOS[at] * unit), float(RATIOS[at])) if at < RATIOS.size else (None, None)
     untied = float(RATIOS[alone] * unit) if alone < RATIOS.size else None
     missed_size = RATIOS[max(min(at, RATIOS.size) - 1, 0)] * unit if named else prior
-    if missed_size is not None:
+    if missed_size is not None and scale.size:
         shift = scored.shift[: scale.size, place] * missed_size
         precision = np.linalg.pinv(scored.covariance[: scale.size, : scale.size], hermitian=True)
         bias, bias_in_sigma = (scale * shift).tolist(), float(np.sqrt(max(shift @ precision @ shift, 0.0)))

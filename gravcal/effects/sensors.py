@@ -5,7 +5,19 @@ A delay is that of a payload against the torquer telemetry.
 
 import numpy as np
 
-from gravcal.effects.base import REVERSED, Laws, Parameter, axes, constant, coupled, misaligned, pairs, scaled, warming
+from gravcal.effects.base import (
+    REVERSED,
+    Laws,
+    Parameter,
+    axes,
+    constant,
+    coupled,
+    misaligned,
+    pairs,
+    scaled,
+    symmetric,
+    warming,
+)
 
 TIMING, EFFECTS = Laws(), Laws()
 _REFERENCE = "CoM paper, erratum C-10: a lag of tau scales a 12 s signal by cos(2 pi tau / 12 s)"
@@ -36,6 +48,10 @@ _SCALE = axes("", "1", "relative excess of the scale of", 0.01, lower=REVERSED)
 law("magnetometer.scale", "field_b", _SCALE, "reading")(scaled("field_b"))
 _ANGLE = axes("angle", "rad", "magnetometer turned about", 5e-3)
 law("magnetometer.misalignment", "field_b", _ANGLE, "mounting")(misaligned("field_b"))
+_SKEW = tuple(
+    Parameter(a, "rad", f"half of what {a[0]} and {a[1]} are out of square by", 5e-3) for a in ("xy", "xz", "yz")
+)
+law("magnetometer.nonorthogonality", "field_b", _SKEW, "construction")(lambda c, v: c.field_b @ symmetric(*v))
 _LEAK = pairs("T A-1 m-2", "reading of {0[0]} per dipole along {0[7]}", 1e-8)
 law("magnetometer.current_leak", "field_b", _LEAK, "stray field of the rods")(coupled("dipole_b"))
 _STRENGTH = Parameter("strength", "T", "uniform field along the moment of the main dipole", 3e-8)

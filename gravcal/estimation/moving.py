@@ -71,7 +71,7 @@ class Moving:
         """Sizes (w,) of the walk per root of a year: 0, and below the error up to thrice the spread between steps."""
         parts = np.split(self.value, np.searchsorted(self.time, np.sort(self.steps)))
         spread = max(3 * self.error, *(np.ptp(part) for part in parts if part.size))
-        years = np.median(np.diff(self.time)) / YEAR_S
+        years = max(np.median(np.diff(self.time)) / YEAR_S, 1e-6)  # of events at one time
         return np.append(0.0, np.geomspace(SMALLEST * self.error, 3 * spread, WALKS) / np.sqrt(years))
 
     def options(self):

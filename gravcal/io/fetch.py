@@ -41,11 +41,6 @@ CDF = (b"\xcd\xf3\x00\x01", b"\xcd\xf2\x60\x02")  # first bytes of a CDF, versio
 EARTHDATA = ("https", "urs.earthdata.nasa.gov", 443)  # scheme, host, port: what credentials belong to
 TOKENS = ("https", "archive.podaac.earthdata.nasa.gov", 443)
 PORTS = {"http": 80, "https": 443}
-LOGIN = (
-    "Put 'machine HOST login NAME password PASSWORD' into ~/.netrc (HOST is urs.earthdata.nasa.gov for PO.DAAC, which "
-    "also takes EARTHDATA_USERNAME and EARTHDATA_PASSWORD, or EARTHDATA_TOKEN; other servers take "
-    "GRAVCAL_FETCH_USERNAME and GRAVCAL_FETCH_PASSWORD), or use --from isdc, which asks for none."
-)
 UNCHECKED = ("MAG", "SOE")  # levels whose files have no checksum of their own: not resumed in another run
 WHOLE_ATTEMPTS = 3  # whole transfers that may arrive with wrong bytes
 CHUNK = 1 << 16  # bytes read at once
@@ -409,7 +404,7 @@ def _ask(session, url, headers, patience):
         raise Interrupted(f"the server answers {status}", float(pause) if pause.isdigit() else 0.0)
     if status in (401, 403):
         answer = f"that {urlsplit(response.url).hostname} answers {status}: it wants a login, or another one"
-        refuse(shown(url), answer, "the file", LOGIN, status=status)
+        refuse(shown(url), answer, "the file", LAYOUTS["login"], status=status)
     return refuse(shown(url), f"that the server answers {status}", "the file", "Check the address.")
 
 

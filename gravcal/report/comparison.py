@@ -23,13 +23,15 @@ CLOSE = 0.01  # relative difference of two variances that says nothing: they are
 
 def between(calibration, names, wanted=lambda _: True):
     """Document that compares the stored reports of two configurations (names), of events with ``wanted(event)``."""
-    is_plain, sides = not configurations.operational(calibration.name)["settings"], []
+    promoted, sides = configurations.operational(calibration.name), []
     path = lambda one: one.ref.folder / "result.json"  # noqa: E731
+    ran = lambda event: (history.last_run(event, calibration.name) or {"started": ""})["started"]  # noqa: E731
     for name in names:
-        known = location.OPERATIONAL if is_plain and name == configurations.CATALOGUE else name
+        known = location.OPERATIONAL if name == configurations.CATALOGUE and not promoted["settings"] else name
+        since = promoted["when"] if known == location.OPERATIONAL else ""  # until the next run links stay as before
         entries = housekeeping.entries(kind=f"{calibration.name}.report", configuration=known)
-        entries = (one for one in entries if wanted(one.ref.event) and not path(one).is_symlink())
-        sides.append({one.ref.event: one for one in entries if path(one).is_file()})
+        entries = [one for one in entries if wanted(one.ref.event) and ran(one.ref.event) >= since]
+        sides.append({one.ref.event: one for one in entries if path(one).is_file() and not path(one).is_symlink()})
     own, other = sides
     read = lambda one: json.loads(path(one).read_text())  # noqa: E731
     why = lambda one, two: history.why_different(one.ref.key, two.ref.key)  # noqa: E731

@@ -1,12 +1,9 @@
 """Pages of the reports: tables and figures that a calibration declares, written into one self-contained file.
 
-A calibration's page stands in one module, `gravcal/calibrations/<name>/page.py`, and what it says in words in a file
-beside it, `page.toml`: captions, heads and notes, labels and places of panels (`Words`). The module holds the rows of
-the tables, what goes into the panels of the figures, and one function that lists the sections in order, as in
-`docs/adding_a_calibration.md`. A figure names products by their stage ("solve.mtq" with the variant; "solve.*" gives
-all variants, {variant: Dataset}). They are the arguments of the figure and the source under it. `page` draws, numbers
-and traces everything, `report` is the body of the stage `report`: result document, judged, and page. Without a file of
-words `Table` and `figure` do.
+A calibration's page is one module, `gravcal/calibrations/<name>/page.py`, with its words beside it in `page.toml`
+(`Words`), as in `docs/adding_a_calibration.md`. A figure names products by their stage ("solve.mtq" with the variant;
+"solve.*" gives all variants, {variant: Dataset}). They are its arguments and the source under it. `page` draws, numbers
+and traces everything, `report` is the body of the stage `report`: result document, judged, and page.
 """
 
 import itertools

@@ -97,7 +97,7 @@ def plus_minus(value, sigma, total=None, digits=None):
     if value is None or sigma is None:
         return NOT_DETERMINED
     if digits is None:
-        digits = 1 if sigma >= 1 else 2 if sigma >= 0.1 else 3
+        digits = 1 if sigma >= 1 else 2 if sigma >= 0.1 else max(3, 1 - math.floor(math.log10(sigma or 1)))
     tail = f" ({total:.{digits}f})" if total is not None else ""
     return f"{signed(value, digits)} ± {sigma:.{digits}f}{tail}"
 

@@ -7,13 +7,13 @@ from scipy.interpolate import CubicSpline
 from scipy.signal import lfilter
 
 from gravcal.effects import Context, effect
-from gravcal.effects.base import symmetric
 from gravcal.effects.sensors import OF_MAGNETOMETER, OF_WARMTH
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 from gravcal.simulation import flight, sensors, within
 
 #: Each parameter is drawn about nought with its plausible size times a scatter, but for those of the warmth.
-EFFECTS = OF_MAGNETOMETER
+SKEW, DELAY = "magnetometer.nonorthogonality", "timing.magnetometer_delay"
+EFFECTS = (*(slug for slug in OF_MAGNETOMETER if slug != SKEW), SKEW)
 
 
 def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping[str, Mapping[str, float]]):
@@ -27,7 +27,6 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
         if slug not in OF_WARMTH:
             size = chosen.scatter * np.array([p.prior_sigma for p in parameters])
             drawn[slug] = size * rng.standard_normal(len(parameters)) + drawn[slug]
-    skew = chosen.scatter * effect("magnetometer.misalignment").parameters[0].prior_sigma * rng.standard_normal(3)
     second = np.arange(day, day + chosen.duration_s)
     state = flight.drawn(chosen, 1e-3, day, day + chosen.duration_s, rng)(second)
     attitude, _ = flight.nominal_attitude(state, satellite["x_along_velocity"])
@@ -38,7 +37,7 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
     orbit = sensors.orbit_columns(second, state, "GNV1B")
     position_e = np.stack([orbit[name] for name in sensors.STATE[:3]], axis=1)
     tag = np.arange(day + 5.0, day + chosen.duration_s - 5.0, chosen.step_s)
-    time = tag - drawn["timing.magnetometer_delay"][0]
+    time = tag - drawn[DELAY][0]
     R_bi = frames.R_bi_from_quaternion(frames.interpolate(second, attitude, time))
     field_e = magnetic.field_e(second, position_e, chosen.igrf_generation)
     field_i = CubicSpline(second, np.matvec(np.swapaxes(earth.R_ei(second), 1, 2), field_e))(time)
@@ -56,23 +55,18 @@ def simulate(satellite: Mapping, chosen, day: float, seed: int, effects: Mapping
         "warmth": orbit_environment.warmth(time, second, position_i),
     }
     context = Context(time=time, field_b=field, dipole_b=dipole, extra=extra)
-    read = field + sum(effect(slug).contribution(context, drawn[slug]) for slug in EFFECTS[:-1])  # the delay is in time
+    added = (effect(slug).contribution(context, drawn[slug]) for slug in EFFECTS if slug != DELAY)  # that is in time
+    read = field + sum(added)
     keep = np.exp(-chosen.step_s / chosen.field_error_s)  # of slow errors of the reference field, a Markov process
     drive = 1e-9 * chosen.field_error_nt * np.sqrt(1 - keep**2) * rng.standard_normal((time.size + 2000, 3))
     noise = lfilter([1.0], [1.0, -keep], drive, axis=0)[2000:]
     noise = noise + 1e-9 * chosen.noise_nt * rng.standard_normal((time.size, 3))
-    read = read + field @ symmetric(*skew) + noise
-    read = sensors.magnetometer_columns(tag, read, current, satellite)
+    read = sensors.magnetometer_columns(tag, read + noise, current, satellite)
     columns = {"SCA1B": sensors.attitude_columns(second, attitude), "GNV1B": orbit, "MAG1B": read}
-    parameters = {
-        f"{name}_{axis}": value
-        for name in ("bias", "scale", "misalignment")
-        for axis, value in zip("xyz", drawn[f"magnetometer.{name}"], strict=True)
-    }
-    parameters |= {f"nonorthogonality_{a}": v for a, v in zip(("xy", "xz", "yz"), skew, strict=True)}
-    leaks = [p.name for p in effect("magnetometer.current_leak").parameters]
-    parameters |= {f"leak_{a}": v for a, v in zip(leaks, drawn["magnetometer.current_leak"], strict=True)}
-    parameters |= {"external_field": drawn["magnetometer.external_field"][0]}
-    parameters |= {"delay": drawn["timing.magnetometer_delay"][0]}
+    parameters = {"external_field": drawn["magnetometer.external_field"][0], "delay": drawn[DELAY][0]}
+    for name in ("bias", "scale", "misalignment", "nonorthogonality", "current_leak"):
+        slug, word = f"magnetometer.{name}", name.removeprefix("current_")
+        own = (f"{word}_{p.name.removeprefix('angle_')}" for p in effect(slug).parameters)
+        parameters |= dict(zip(own, drawn[slug], strict=True))
     truth = {"seed": seed, "day": day, "parameters": {name: float(value) for name, value in parameters.items()}}
     return columns, truth | {"effects": {slug: dict(values) for slug, values in effects.items()}}

@@ -59,7 +59,8 @@ def chosen(calibration, settings, name=None):
     known = _recorded(calibration, name)
     if known is not None and known["settings"] != changed or name == CATALOGUE and changed:
         meaning = ", ".join(said(known["settings"] if known else {}))
-        remedy = f"Give another name with --as, or remove it: gravcal products prune --configuration {name}."
+        prune = f"gravcal products prune --configuration {name} --older-than-h 0 --remove"
+        remedy = f"Give another name with --as, or remove it: {prune}."
         _refuse(calibration, name, ", ".join(said(changed)), f"{meaning}, for which it stands", remedy)
     return dataclasses.replace(choice, configuration=name)
 

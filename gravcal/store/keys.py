@@ -1,13 +1,7 @@
 """Keys: SHA-256 of all that a product depends on: event, kind, variant, version, settings, inputs and code.
 
-The code is the fingerprint of a stage: the syntax trees reached by import, without comments, docstrings and layout. The
-stage's body is taken with what it names in its own module; of the packages it imports, the modules that define what it
-uses; from there on every import, module by module, wherever it stands. Only the project's own code counts (``SCOPE``).
-``lazy("gravcal.x")`` and ``import_module("gravcal.x")`` with a literal name count as imports.
-
-Data files count by their bytes: those below the folder of a module, or below a package of ``DATA`` that it imports,
-whose name ends like a text of that module (``"IGRF13.shc"``, or ``f"{name}.toml"`` for every table), and files of the
-same folder that such a file names, as a template names another.
+The code is the fingerprint of a stage, as docs/architecture.md says: syntax trees, without comments, docstrings and
+layout, of the project's own code that is reached by import (``SCOPE``), and the bytes of the data files that it names.
 """
 
 import ast

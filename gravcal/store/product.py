@@ -1,10 +1,7 @@
 """Products: schemas of their kinds, checks of a Dataset against these, and reading and writing netCDF.
 
-A schema is plain data, {variable: its keys}, and the module of stages makes it known, as in
-`docs/adding_a_calibration.md`. Keys of a variable: ``dims`` (one text, names separated by blanks), ``units`` (a tuple
-where variants differ), ``long_name``, ``frame``, ``dtype`` ("f8" if absent; "str" for names), ``optional``. A variable
-whose dimension is called ``time`` or ``time_...`` and that bears its name is GPS time; its attributes are known.
-Products as returned have the attributes their schema states, so a stage's body need not set them.
+A schema is plain data, {variable: its keys}, as `docs/adding_a_calibration.md` says. Products as returned have the
+attributes their schema states, so a stage's body need not set them.
 
 Files are netCDF-4, written and read through netCDF4 and xarray. netCDF4 is not thread-safe, whatever files its threads
 use: all of it holds one lock of the process. Names along a dimension, in memory a coordinate of that name, are the

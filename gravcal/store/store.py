@@ -5,12 +5,9 @@
     latest/<event>/as/<NAME>/<stage>           the same of the experiment of that name
     tmp/  locks/  quarantine/  memo/           being written; who computes; set aside; what is cheap to remember
 
-A product is written aside and published by one rename of its folder, so it is there in full or not at all. A
-folder counts when its record is whole, the file bears the key and digest that the record says, and has the recorded
-size and time of change; otherwise, and at every first read, the digest of the bytes decides. A record has a checksum of
-its own; it is whole when its bytes are those that were written, every part has its type, its key is that of its recipe
-and the name of its folder, and nothing of the folder is a link. What fails is moved to ``quarantine`` and made again.
-No link is followed but those of ``latest``, and these only as far as they lead to a product of this store.
+A product is written aside and published by one rename of its folder. When it counts: docs/architecture.md. What fails
+is moved to ``quarantine`` and made again. No link is followed but those of ``latest``, and these only as far as they
+lead to a product of this store.
 """
 
 import contextlib

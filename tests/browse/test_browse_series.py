@@ -72,10 +72,7 @@ def test_nan_is_left_out_of_a_range_and_gaps_are_noticed():
 
 
 def test_difference_of_shifted_grids_interpolates():
-    """Analytic: a straight line minus itself on another grid is zero; gaps of the second are not bridged.
-
-    Two series that do not overlap have no difference.
-    """
+    """Analytic: a line minus itself on another grid is zero; gaps are not bridged; without overlap there is none."""
     x, u = np.arange(0.0, 100.0, 1.0), np.arange(10.25, 60.0, 0.5)
     at, rest = series.difference(series_of(x, 3 * x), series_of(u, 3 * u))
     assert (at[0], at[-1]) == (11.0, 59.0)

@@ -15,9 +15,10 @@ from commands import gravcal, printed_json
 from invented_store import EVENT, calibration, dataset, model, put, result
 
 from flows import export
-from flows.calibration import model_text
+from flows.calibration import load, model_text
 from gravcal.errors import ProductError
-from gravcal.store import history, location, product
+from gravcal.report import comparison
+from gravcal.store import configurations, history, location, product
 from gravcal.store.schemas import VERSION
 
 ROOT = Path(__file__).parent.parent.parent
@@ -56,7 +57,7 @@ def test_the_model_of_a_run_leaves_with_it(tmp_path):
     with location.configured("model-a"):
         calibration(EVENT, 1.1, gain=1.5, extended=given)
         put(f"{EVENT}/com_offset.discovery_report", dataset(10), {"settings": given}, files={"model.toml": "its own"})
-    files = {name: export.export(EVENT, tmp_path / str(name), name) for name in ("model-a", None)}
+    files = {name: export.export(EVENT, tmp_path / str(name), name)[0] for name in ("model-a", None)}
     models = {name: [one for one in own if one.endswith(".toml")] for name, own in files.items()}
     parts = ("discovery_report", "report")
     assert models == {"model-a": [f"report/com_offset.{one}/model.toml" for one in parts], None: []}
@@ -67,10 +68,32 @@ def test_the_model_of_a_run_leaves_with_it(tmp_path):
 
 
 @pytest.mark.usefixtures("shop")
+def test_what_was_not_run_since_a_promotion_is_not_compared(monkeypatch):
+    """Contract: links stay those of before a promotion until the next run: results of another configuration."""
+    for when, count in (("", 2), ("2026-01-01T00:00:00+00:00", 1), ("2026-01-01T00:00:01+00:00", 0)):
+        monkeypatch.setattr(configurations, "operational", lambda _, when=when: {"settings": {}, "when": when})
+        assert len(comparison.between(load("com_offset"), ["operational"] * 2)["events"]) == count
+
+
+@pytest.mark.usefixtures("shop")
+def test_what_was_made_of_other_files_is_left_out_and_said(tmp_path, capsys):
+    """Contract: an archive is of the files of the newest report; the same day of other files is named."""
+    for number, stage in enumerate(("magnetometer.align", "magnetometer.report", "ranging.report")):
+        put(f"{EVENT}/{stage}", dataset(9), source=f"{number // 2:064}")
+    assert gravcal("export", EVENT, "--out", tmp_path / "x.zip") == 0
+    assert "of these days: magnetometer.align, magnetometer.report\n" in capsys.readouterr().out
+    with zipfile.ZipFile(tmp_path / "x.zip") as archive:
+        names = {Path(name).name for name in archive.namelist()}
+    assert names >= {"ranging.report.nc", "com_offset.report.nc"}
+    assert "magnetometer.report.nc" not in names
+
+
+@pytest.mark.usefixtures("shop")
 @pytest.mark.parametrize(("satellite", "name"), [("C", "MAG1B"), ("C", "ACC1A"), ("A", "KBR1B"), ("T", "TAIJI")])
 def test_a_result_says_what_to_cite(satellite, name, monkeypatch):
     """Contract: measured data and papers by DOI where they have one; a file that the format's keys describe."""
-    monkeypatch.setattr(history, "raw_files", lambda _: [{"satellite": satellite, "product": name}])
+    release = "03" if satellite == "A" else "04"
+    monkeypatch.setattr(history, "raw_files", lambda _: [{"satellite": satellite, "product": name, "release": release}])
     reports, both = [one for one in export.housekeeping.entries(event=EVENT) if one.ref.stage.endswith("report")], []
     for origin in ("simulated", "measured"):
         monkeypatch.setattr(export.housekeeping, "content", mock.Mock(return_value=mock.Mock(attrs={"origin": origin})))
@@ -81,7 +104,12 @@ def test_a_result_says_what_to_cite(satellite, name, monkeypatch):
         assert all({"type", "title", "authors"} <= set(reference) for reference in one["references"])
     assert [one["doi"] for one in found["references"]] == ["10.3390/rs14164030"]
     cited = [one.get("doi") for one in measured["references"] if one["type"] == "data"]
-    known = {"MAG1B": ["10.5067/GFJPL-L1B04"], "ACC1A": ["10.5067/GFJPL-L1A04"], "KBR1B": [None], "TAIJI": []}
+    known = {
+        "MAG1B": ["10.5067/GFJPL-L1B04"],
+        "ACC1A": ["10.5067/GFJPL-L1A04"],
+        "KBR1B": ["10.5067/GRJPL-L1B03"],
+        "TAIJI": [],
+    }
     assert cited == known[name]
 
 

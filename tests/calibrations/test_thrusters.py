@@ -1,10 +1,13 @@
 """Attitude thrusters: recovery of gain and delay, physics of an impulse, and firings of another satellite."""
 
+import dataclasses
+
 import commands
 import invented_heads
 import numpy as np
 import pytest
 import seeds
+import xarray as xr
 from independent import damage
 from numpy.testing import assert_allclose
 from scipy import stats
@@ -13,9 +16,11 @@ from scipy.spatial.transform import Rotation
 from flows import discover
 from flows.calibration import load
 from gravcal import catalog
+from gravcal.calibrations.align import usable
 from gravcal.calibrations.thrusters import estimate, model, noise
 from gravcal.io import archive, readers
 from gravcal.physics import frames
+from gravcal.store import location
 
 COUNT = 20
 LEVEL = 3e-4  # chance that a correct code fails, over the seven parameters
@@ -97,6 +102,10 @@ def test_what_repeats_from_day_to_day_is_told_from_what_does_not(tmp_path):
         CALIBRATION.simulate(tmp_path / day, seed=seed + len(late), **about)
     folders = [tmp_path / "2014-01-11", tmp_path / "2014-01-12"]
     ((document, files, _),) = discover.joint("thrusters", None, folders, CHOSEN, workers=0)
+    link = location.links("grace-a") / "thrusters.joint"
+    before, other = link.readlink(), dataclasses.replace(CHOSEN, configuration="other")
+    discover.joint("thrusters", None, folders, other, workers=0)  # that of an experiment stands beside it
+    assert before == link.readlink() != (location.links("grace-a", "other") / link.name).readlink()
     again = {one["cause"]: one["repeats"]["said"] for one in document["causes"]}
     assert again == {FIRINGS.rpartition(".")[0]: True, LATE: False}
     for one in document["causes"]:
@@ -194,3 +203,15 @@ def test_thruster_firings_are_named_in_a_day():
     assert 1.2 < named["parameters"]["share_x"]["value"] < 2.0  # in units of nominal impulse and assumed inertia
     assert "unknown:twin_firings" not in found
     assert found["timing.thruster_delay"]["tied_with"] == ["timing.star_camera_delay"]
+
+
+@pytest.mark.parametrize(
+    ("product", "bit", "count"),
+    [("ACC1A", 5, 3), ("ACC1A", 1, 2), ("ACC1A", 6, 2), ("THR1B", 0, 2), ("THR1B", 2, 3), ("MAG1B", 7, 2)],
+)
+def test_a_quality_bit_marks_a_fault_and_no_status(product, bit, count):
+    """Contract: no pulse, no mapping, no clock, no time on; not a packet received, not a branch that is active."""
+    record = {"value": np.arange(3.0), "time_second": np.arange(3), "time_fraction": np.zeros(3)}
+    record |= {"flag": np.zeros(3, np.uint8), "qualflg": np.array([0, 1 << bit, 0], np.uint8)}
+    observed = xr.Dataset({name: ("record", values) for name, values in record.items()}, attrs={"product": product})
+    assert usable(observed, ("value",))[0].size == count

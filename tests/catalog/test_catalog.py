@@ -191,10 +191,7 @@ def test_dates_are_corrected_or_unknown_and_files_follow_from_the_design():
 
 
 def test_found_manoeuvres_and_digests_are_kept_in_the_users_catalogue(own_folder, monkeypatch):
-    """Contract: what was written is what is read, to the last digit of the times; of a pair, whose manoeuvre it was.
-
-    The shipped catalogue is never changed by a run.
-    """
+    """Contract: what was written is read, to the last digit; of a pair, whose it was; what ships is never changed."""
     found = [{"kind": "pitch", "start": 700000000.1234567, "stop": 700000180.1}, catalog.Manoeuvre("yaw", 1.0, 2.0)]
     digests = {"ACC1A_2024-02-01_C_04.txt": "0" * 64}
     text = catalog.event_text("com_offset", "com_offset_session", ["C"], datetime.date(2024, 2, 1), found, digests)

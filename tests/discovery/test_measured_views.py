@@ -122,10 +122,7 @@ def test_bias_and_leak_of_a_magnetometer_are_named(rng):
 
 
 def table_findings(rng, leak):
-    """Findings in a table of one offset whose a_y follows the current of the y rod, errors of 0.3 to 3 um.
-
-    Moments of inertia are 5 % off.
-    """
+    """Findings in a table of one offset whose a_y follows the y rod, errors of 0.3 to 3 um, inertia 5 % off."""
     about = (tuple(np.diag(INERTIA)), 27.5, 14)
     offset, found = np.array([107e-6, 4e-6, 12e-6]), []
     kinds = [("pitch", "low"), ("pitch", "high"), ("pitch", "high"), ("roll", "high"), ("roll", "high")]

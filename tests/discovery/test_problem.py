@@ -193,10 +193,7 @@ def test_gain_of_a_step_is_that_of_least_squares():
 
 @pytest.mark.parametrize("shake", [0.0, 0.3])
 def test_gain_of_a_line_is_that_of_least_squares(shake):
-    """Analytic: cosine and sine on one axis, beside drifts and the global column; on all axes the sum.
-
-    Even records with a gap are transformed, others are multiplied.
-    """
+    """Analytic: cosine and sine on one axis or all, beside drifts and the global column; even records or not."""
     rng = np.random.default_rng(3)
     (block,) = blocks_of(rng)[:1]
     block = replace(block, time=block.time + np.tile(shake * rng.uniform(0, 1, 80), 3))

@@ -114,10 +114,7 @@ def test_a_listed_cause_is_tied_with_what_no_list_holds_if_it_looks_the_same():
 
 @pytest.mark.parametrize("more", [0, 6])
 def test_a_listed_cause_is_tied_with_a_driver_that_chance_lets_describe_the_data_as_well(more):
-    """Recovery: 20 apart in expectation, yet of the same gain or 6 more, which is less than 3 sigma of it (6.8).
-
-    A driver with less of a gain is not told.
-    """
+    """Recovery: 20 apart in expectation, yet of the same gain or 6 more (3 sigma are 6.8); with less none is told."""
     rng = np.random.default_rng(5)
     blocks, (first, *_) = made(rng, signal=12.0)
     known = np.concatenate(first.columns)[:, 0]
@@ -198,10 +195,7 @@ def without(values, columns):
 
 
 def test_noise_names_nothing_and_its_probability_is_uniform():
-    """Recovery: 60 draws at a level of 0.5 %, two named have probability 0.04; Kolmogorov-Smirnov, 0.1 % point.
-
-    None has too little power.
-    """
+    """Recovery: 60 draws at 0.5 %, two named have probability 0.04; Kolmogorov-Smirnov at 0.1 %; none is too quiet."""
     rng = np.random.default_rng(12)
     found = [search(*made(rng), CHOICE, rng) for _ in range(60)]
     assert sum(bool(one.findings) for one in found) <= 1

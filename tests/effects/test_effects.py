@@ -148,6 +148,7 @@ SIGNS = {
     "magnetometer.bias": ({"x": 5e-7}, [5e-7, 0, 0]),
     "magnetometer.scale": ({"z": 0.01}, [0, 0, 4e-7]),
     "magnetometer.misalignment": ({"angle_x": 0.01}, [0, 4e-7, 0]),
+    "magnetometer.nonorthogonality": ({"yz": 0.01}, [0, 4e-7, 0]),
     "magnetometer.temperature_bias": ({"x": 2e-8}, [1e-8, 0, 0]),  # in half of the warmth of a long day
     "magnetometer.temperature_scale": ({"z": 1e-3}, [0, 0, 2e-8]),
     "attitude.star_camera_misalignment": ({"angle_y": 1e-4}, [0, 1e-4, 0]),

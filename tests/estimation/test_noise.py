@@ -61,10 +61,7 @@ def true_model(step=0.5):
 
 
 def test_prediction_rows_and_density_are_those_of_the_process():
-    """Analytic: row k of the coefficients is the Yule-Walker solution of order k.
-
-    One-sided density from the autocovariance by direct summation; its integral is the variance.
-    """
+    """Analytic: row k is the Yule-Walker solution of order k; density by direct sums, its integral the variance."""
     c, rows = autocovariance(AR.size + 1), true_model().coefficients
     for k in range(1, AR.size + 1):
         assert_allclose(rows[k, :k], np.linalg.solve(linalg.toeplitz(c[:k]), c[1 : k + 1]), rtol=1e-9)  # of solve

@@ -12,6 +12,7 @@ import tempfile
 import time
 from pathlib import Path
 from types import SimpleNamespace
+from unittest import mock
 
 import pytest
 from commands import gravcal, until
@@ -229,6 +230,17 @@ def test_events_without_files_are_no_data_and_no_failure(tmp_path, monkeypatch):
     assert summary["counts"] == {"no_data": len(sources) - 1, "failed": 1}
     (failed,) = (row for row in summary["events"] if row["status"] == "failed")
     assert "found no KBR1B or LRI1B" in failed["error"]
+
+
+def test_an_event_whose_worker_died_is_tried_again_with_what_failed(fakecal, monkeypatch):
+    """Contract: its row says how, and --only-failed knows it."""
+    died = mock.Mock()
+    died.submit.return_value.result.side_effect = RuntimeError("worker lost")
+    monkeypatch.setattr(campaigns, "cluster", lambda *_: contextlib.nullcontext(died))
+    how = campaigns.Campaign("fakecal", command.chosen("fakecal", None), "inline", workers=1)
+    sources = [calibration.load("fakecal").source(event=None, data=fakecal, satellite=None, date=None)]
+    assert [row["error"] for row in campaigns.run(how, sources)["events"]] == ["RuntimeError: worker lost"]
+    assert campaigns.failed_last(how, sources) == sources
 
 
 def test_of_many_events_several_are_one_task(monkeypatch):

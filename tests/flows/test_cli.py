@@ -93,6 +93,11 @@ def test_a_run_without_data_says_so(tmp_path, monkeypatch, capsys):
         assert (document["status"], document["error"]["kind"]) == ("no_data", "NoDataError")
         path.unlink()
     assert capsys.readouterr().err.startswith("no data: ")
+    many = ("com_offset", "--satellite", "C", "--data", tmp_path, "--json", path)
+    for words in (("discover", *many, "--joint"), ("campaign", *many)):
+        assert gravcal(*words) == 3
+        assert json.loads(path.read_text())["status"] == "no_data"
+        path.unlink()
     assert gravcal("run", "com_offset", "--data", tmp_path / "absent", "--engine", "inline") == 1
     assert gravcal("run", "com_offset", tmp_path, "--engine", "inline") == 2  # a folder and no event
     (tmp_path / "KBR1B_2020-02-01_Y_04.txt").write_text("")
@@ -110,6 +115,7 @@ def test_the_store_can_be_looked_at(fakecal, pipeline, capsys):
     assert gravcal("products", "show", "nothing") == 1
     housekeeping.resolve(name).ref.path.write_bytes(b"damaged")
     assert gravcal("products", "verify") == 1
+    assert gravcal("rebuild", name) == 1
 
 
 def test_help_is_quick_and_imports_nothing_heavy():
@@ -170,6 +176,8 @@ def test_a_satellite_or_day_that_is_not_there_is_said_with_those_that_are(tmp_pa
         b"[[effect]]\ncause = 'accelerometer.stray_tone'\nparameters = {}\nwaves = [{ start = nan, channel = 'a' }]",
         b"[[effect]]\ncause = 'accelerometer.stray_tone'\nparameters = {}\n[result]\nunit = 'mile'",
         b"[[effect]]\ncause = 'timing.accelerometer_delay'\nparameters.delay = {value = 1" + b"0" * 400 + b"}",
+        b"[[effect]]\ncause = 'timing.accelerometer_delay'\nparameters.delay = {value = 20, unit = 'ms'}",
+        b"[[effect]]\ncause = 'timing.accelerometer_delay'\nfrom = '2020-7-1'\nparameters.delay = {value = 1}",
     ],
 )
 def test_a_malformed_model_is_one_clear_line(text, tmp_path, capsys):

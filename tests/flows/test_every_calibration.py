@@ -41,7 +41,7 @@ SMALL = {
     "magnetometer": {"duration_s": "600"},
     "ranging": {"phase_step_s": "1", "date": "2020-09-12"},  # days of their own: events hold one calibration's files
     "thrusters": {"duration_s": "10800", "quiet_s": "900"},
-    "routine": {"quiet_s": "300"},
+    "routine": {"quiet_s": "360"},
 }
 SMALL = {name: how for name, how in SMALL.items() if name in known()}  # as installed
 

@@ -102,10 +102,7 @@ def test_a_changed_input_is_named(pipeline):
 
 
 def test_products_of_other_versions_are_said_and_made_again_when_wanted(pipeline, monkeypatch, capsys):
-    """Contract: plan, run and its journal name them; the setting makes them again, once; the old ones are set aside.
-
-    Only what computes numbers counts.
-    """
+    """Contract: plan, run and journal name them; the setting makes them again, once; only what computes counts."""
     here, library = keys.versions(), "numba"
     with monkeypatch.context() as patched:
         others = {library: "0.1", "xarray": "0.1", "python": "2.7", "gravcal": "0.0"}

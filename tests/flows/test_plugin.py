@@ -81,10 +81,7 @@ def test_the_truth_comes_back_and_a_hidden_effect_is_discovered(tilt):
 
 
 def test_every_command_and_the_browser_know_it(tilt):
-    """Contract: help, settings, plan, campaign, report, series; a setting reaches its stage and no other.
-
-    The browser has its events, time line and chain of stages.
-    """
+    """Contract: help, settings, plan, campaign, report, series, browser; a setting reaches its stage and no other."""
     data, page = ("tilt_scale", "--data", tilt.folder / "data"), tilt.folder / "series.html"
     lines = {
         ("run", *data, "--engine", "inline"): "delivered",

@@ -1,9 +1,6 @@
 """Prefect: an embedded server, tasks as thin shells, nothing started when nothing has to be made."""
 
-import contextlib
-import datetime
 import os
-import sqlite3
 import subprocess
 import sys
 from pathlib import Path
@@ -99,14 +96,6 @@ def test_without_a_server_the_flow_runs_inline(pipeline, monkeypatch, capsys):
     assert capsys.readouterr().err.count("\n") == 1
 
 
-def test_one_thread_for_libraries(monkeypatch):
-    """Contract: BLAS and numba do not multiply with workers."""
-    for name in engine.ONE_THREAD:
-        monkeypatch.delenv(name, raising=False)
-    engine.single_threaded()
-    assert {os.environ[name] for name in engine.ONE_THREAD} == {"1"}
-
-
 def test_runs_of_killed_processes_are_marked_as_crashed(monkeypatch):
     """Contract: only those of this machine whose process is gone."""
     import platform
@@ -134,34 +123,6 @@ def test_a_first_serve_is_silent(tmp_path):
     line += "s.CronSchedule(cron='0 3 * * *', timezone='UTC')"
     done = subprocess.run([sys.executable, "-c", line], capture_output=True, text=True, check=False, env=settings)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")
-
-
-TABLES = ("flow_run", "flow_run_state", "task_run", "artifact", "log")
-
-
-def test_the_database_does_not_keep_old_runs(tmp_path, monkeypatch):
-    """Contract: a run of a month ago goes with its task, table and log; a run of today and its task stay."""
-    monkeypatch.setenv("PREFECT_HOME", str(tmp_path / "prefect"))
-    monkeypatch.setenv("PREFECT_SERVER_SERVICES_DB_VACUUM_LOOP_SECONDS", "1")
-    month = (datetime.datetime.now(datetime.UTC) - datetime.timedelta(days=30, minutes=1)).isoformat(" ")
-    with server.running(server.begin()) as url:
-        flow = server.ask(url, "/flows/", {"name": "many"})["id"]
-        done, found = {"state": {"type": "COMPLETED"}}, []
-        for _ in range(2):
-            run = server.ask(url, "/flow_runs/", {"flow_id": flow} | done)["id"]
-            server.ask(url, "/task_runs/", {"flow_run_id": run, "task_key": "one", "dynamic_key": "1"} | done)
-            server.ask(url, "/artifacts/", {"key": "table", "type": "table", "data": "x", "flow_run_id": run})
-            line = {"name": "one", "level": 20, "message": "y", "timestamp": month, "flow_run_id": run}
-            server.ask(url, "/logs/", [line])
-            found.append(run)
-        old, new = found
-        with contextlib.closing(sqlite3.connect(tmp_path / "prefect" / "prefect.db", timeout=60)) as base:
-            count = lambda: [base.execute(f"select count(*) from {one}").fetchone()[0] for one in TABLES]  # noqa: E731
-            assert count() == [2] * len(TABLES)
-            with base:
-                base.execute("update flow_run set end_time = ? where id = ?", (month[:-6], old))
-            assert until(lambda: count() == [1] * len(TABLES), 120, 0.2), count()
-        assert server.ask(url, f"/flow_runs/{new}")["state_type"] == "COMPLETED"
 
 
 def test_the_log_of_the_server_is_begun_anew(tmp_path, monkeypatch):

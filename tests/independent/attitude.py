@@ -125,10 +125,7 @@ def lagged(before, target, step, lag):
 
 @njit(cache=True)
 def steer(q, w, env, reference, dither, inertia, control):
-    """Control current (mA, whole steps, plus dither).
-
-    Of the wanted torque the part along the field cannot be had; it is given up where it costs least in acceleration.
-    """
+    """Control current (mA, whole steps, dither); torque along the field is given up where it costs least."""
     field_b, (per_current, step_ma) = rotate(q, env[0], -1.0), control
     hold = gravity_torque(q, inertia, env[1:4])
     wanted = add(times(inertia, wanted_rate_dot(q, w, reference, (3.6e-5, 1.0e-2))), hold, -1.0)

@@ -23,10 +23,7 @@ def loudness(scene, kind):
 
 
 def accelerometer(scene, keep):
-    """Linear and angular readings (m, 3) at grid indices, without noise, bias or quantisation.
-
-    Suspension acceleration f = a_ng + (M - G) p with p = -offset.
-    """
+    """Linear and angular readings (m, 3) at grid indices, noiseless: f = a_ng + (M - G) p with p = -offset."""
     p, w = np.tile(-1e-6 * np.asarray(scene.world.settings.offset_um, float), (len(scene.t), 1)), scene.rate
     spin = np.cross(w, np.cross(w, p)) + np.cross(scene.rate_dot, p)
     turn = scene.rotation

@@ -112,10 +112,13 @@ def test_a_file_of_another_product_satellite_or_day_is_refused(tmp_path, attitud
         path.write_bytes(attitude_file.read_bytes())
     _refused(renamed[0], "columns in the header", "MAG1B")
     _refused(renamed[1], "satellite", "C by its records")
-    _refused(write(attitude, tmp_path / "SCA1B_2023-06-04_C_04.txt"), "no record of 2023-06-04")
+    _refused(write(attitude, tmp_path / "SCA1B_2023-06-04_C_04.txt"), "not of 2023-06-04")
     late = attitude | {"gps_time": attitude["gps_time"] + 3600}
-    _refused(write(late, tmp_path / "SCA1B_2023-05-31_C_04.txt"), "no record of 2023-05-31")
+    _refused(write(late, tmp_path / "SCA1B_2023-05-31_C_04.txt"), "not of 2023-05-31")
     read(write(acceleration, tmp_path / "ACC1A_2023-05-31_C_04.txt"))
+    whole = attitude["gps_time"][0] + np.linspace(0, 86399, attitude["gps_time"].size).astype(int)
+    for day in ("2023-05-31", "2023-06-02"):  # of the day beside, which begins where this ends
+        _refused(write(attitude | {"gps_time": whole}, tmp_path / f"SCA1B_{day}_C_04.txt"), f"not of {day}")
 
 
 def test_flags_that_do_not_fit_and_tags_of_another_time_scale_are_refused_and_one_is_flagged(acceleration_file):

@@ -56,10 +56,7 @@ def vectors(path):
 
 
 def test_a_file_written_and_read_is_the_same(tmp_path):
-    """Analytic: round trip through length and cosines, rounding 1e-16 relative; the header has the form of VKB1B.
-
-    It has 80 columns and counts its lines and bytes.
-    """
+    """Analytic: round trip through length and cosines, rounding 1e-16; 80 columns, its lines and bytes are counted."""
     time, vector_b = np.array([633830400.0, 634435200.0]), np.array([OFFSET, [0.0, 0.0, 0.0]])
     path = tmp_path / "VCM1B_2020-02-01_C_04.txt"
     path.write_text(vcm.vector_file(path.name, time, "C", vector_b, source="com_offset, mtq"))

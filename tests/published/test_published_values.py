@@ -49,10 +49,7 @@ def test_printed_values_are_in_the_catalogue(calibration, section, labels, value
 
 @pytest.mark.parametrize("variant", ["mtq", "acc_calibrated", "acc", "sca"])
 def test_the_combined_offsets_follow_from_the_manoeuvres(variant):
-    """Published: weights 1/sigma^2 over high-latitude pitch (x) and roll (y, z) give Table 6, C-9, to 0.1 um rounding.
-
-    Row ACC of Table 6 equals row 2020-02-01 of Table 9.
-    """
+    """Published: weights 1/sigma^2 give Table 6, C-9, to 0.1 um rounding; its row ACC is 2020-02-01 of Table 9."""
     rows = [r for r in catalog.published("com_offset")["manoeuvres"] if r.variant == variant]
     combined = _one("com_offset", "combined", variant=variant)
     assert variant != "acc" or _one("com_offset", "history", date="2020-02-01").value == combined.value

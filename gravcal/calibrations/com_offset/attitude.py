@@ -195,7 +195,7 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
     orbit_time = field["time_orbit"].values
     observed = []
     for (origin, stop, (rod, edges, level), ends), gap in zip(arcs, aligned["gap"].values, strict=True):
-        near = (mag_time > origin - 2) & (mag_time < stop + 2)
+        near = (mag_time > origin - 2) & (mag_time < stop + 2) & (aligned["mag_flag"].values == 0)
         current = np.nan_to_num(aligned["current_b"].values[near])
         breaks, dipole_b = dipole_history(edges, level, rod, mag_time[near], current, per_current)
         nodes = (orbit_time > origin - 6) & (orbit_time < stop + 6)

@@ -391,7 +391,8 @@ def reading(one: Manoeuvre, channel: str, rows: np.ndarray) -> tuple[np.ndarray,
 def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict[str, Measured], dict]:
     """{channel: Measured} and {channel: samples an axis} of all channels but the attitude, from quiet data."""
     time, spans = aligned["time_acc"].values, list(quiet_spans(aligned, settings))
-    models, samples, count, mag = {}, {}, aligned.sizes["manoeuvre"], aligned["time_mag"].values
+    models, samples, count, usable = {}, {}, aligned.sizes["manoeuvre"], aligned["mag_flag"].values == 0
+    mag, current = aligned["time_mag"].values[usable], np.nan_to_num(aligned["current_b"].values[usable])
     between = (mag[1:] + mag[:-1]) / 2
     for channel in ("linear", "angular"):
         values, pieces, epochs = aligned[f"{channel}_b"].values, [], []
@@ -399,7 +400,7 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
             piece = np.nan_to_num(values[inside])
             if channel == "angular":  # the torque of the control currents, held from sample to sample, is no noise
                 field_b = _attitude_and_field(aligned, field_, time[inside])[1]
-                held = np.nan_to_num(aligned["current_b"].values[np.searchsorted(between, time[inside])])
+                held = current[np.searchsorted(between, time[inside])]
                 torque = np.cross(held * np.asarray(settings["dipole_per_current"]), field_b)
                 piece = piece - np.linalg.solve(np.asarray(settings["inertia"]), torque.T).T
             pieces.append(operator(piece - piece[len(piece) // 2]))

@@ -92,8 +92,9 @@ def _series(aligned, checked):
     if time.size < 4 * HALF_WIDTH or np.any(np.abs(np.diff(time) - 1) > 1e-3):
         return np.zeros(0), np.zeros(0), np.zeros(0)
     rate, _ = kinematics.rates_from_attitude(time, quaternion[used], half_width=HALF_WIDTH, degree=2)
-    mag_time = aligned["time_mag"].values
-    torque = np.cross(np.nan_to_num(aligned["current_b"].values), np.nan_to_num(checked["measured_b"].values))[:, 0]
+    usable = aligned["mag_flag"].values == 0
+    mag_time, *both = (one.values[usable] for one in (aligned["time_mag"], aligned["current_b"], checked["measured_b"]))
+    torque = np.cross(*map(np.nan_to_num, both))[:, 0]
     fine_time = np.arange(time[0], time[-1] + 0.01, 0.01)
     held_torque = torque[np.searchsorted((mag_time[1:] + mag_time[:-1]) / 2, fine_time)]  # round each sample
     angle = np.interp(time, fine_time, np.cumsum(np.cumsum(held_torque)) * 1e-4)

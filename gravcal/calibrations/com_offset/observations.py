@@ -64,7 +64,7 @@ def _late_orbit(aligned):
     every = max(known.sum() // 1000, 1)
     time, quaternion = (aligned[name].values[known][::every] for name in ("time_sca", "quaternion"))
     orbit = aligned["time_orbit"].values
-    inside = between(time, orbit, checks.STEP_LIMIT_S) if orbit.size > 1 else np.zeros(time.size, dtype=bool)
+    inside = between(time, orbit, checks.STEP_LIMIT_S)
     if not inside.any():
         return None
     state = np.concatenate([aligned[name].values for name in ("position_i", "velocity_i")], axis=1)

@@ -29,6 +29,7 @@ STEP = "accelerometer.bias_step"
 #: Baseline parameters, searched for along the time or frequency axis, of records that are not read here, or of days.
 NOT_HERE = ("accelerometer.offset", STEP, "accelerometer.stray_tone", "torque.thruster_firings", *OF_WARMTH)
 NOT_HERE += ("timing.thruster_delay", "timing.orbit_delay", "attitude.star_camera_heads")
+NOT_HERE += ("magnetometer.nonorthogonality",)  # in a field of one direction it is a scale and a misalignment
 TONES = {"linear": "accelerometer.stray_tone", "angular": "unknown:time"}
 UNITS = {"linear": "m s-2", "angular": "rad s-2"}
 MODE_STEP_HZ = 0.02

@@ -209,13 +209,13 @@ def linear_factors(beta, beta_sigma, geometry: Mapping, k_y: tuple[float, float]
     mass, inertia, arm = (np.array(geometry[f"{n}_sigma"]) / geometry[n] for n in ("mass", "inertia", "arm"))
     relative = np.sqrt(mass**2 + inertia**2 + arm**2)
     k = np.array([[one[1] * beta[1], k_y[0], one[0] * beta[0]] for one in ratio])
-    share = np.array([beta_sigma[1] / beta[1], k_y[1] / k_y[0], beta_sigma[0] / beta[0]])
+    share = np.abs([beta_sigma[1] / beta[1], k_y[1] / k_y[0], beta_sigma[0] / beta[0]])
     return {
         "k": k,
-        "k_sigma": k * share,
-        "k_sigma_total": k * np.hypot(share, [relative[1], 0.0, relative[0]]),
+        "k_sigma": np.abs(k) * share,
+        "k_sigma_total": np.abs(k) * np.hypot(share, [relative[1], 0.0, relative[0]]),
         "ratio_relative_sigma": relative,
-        "k_budget": [[one[1], np.nan, one[0]] for one in (beta_sigma / beta, np.full(3, mass), inertia, arm)],
+        "k_budget": [[one[1], np.nan, one[0]] for one in (np.abs(beta_sigma / beta), np.full(3, mass), inertia, arm)],
     }
 
 

@@ -12,14 +12,14 @@ from gravcal.calibrations.schemas import build
 from gravcal.report import pages
 from gravcal.report.figures import AXIS, COLOURS, density, opened
 from gravcal.report.pages import Section
-from gravcal.report.plain import AXES, NOT_DETERMINED, estimate, number, numbers, plus_minus
+from gravcal.report.plain import AXES, NOT_DETERMINED, estimate, number, numbers, plus_minus, signed
 
 WORDS = pages.words(__file__, "page.toml")
 CAUSES = WORDS.notes["causes"]
 OFFSETS = ("com_to_test_mass_um", "com_to_test_mass_without_y_um")  # solutions in the order of the product
 CLAIMED = {"k": 0.01, "offset in y and z": 0.03, "bias": 1e-3}  # relative, abstract of the paper
 PRINTED = {"mass": 0.072, "x": 1.9440e-5, "y": 1.0328e-5, "arm_y": 10.45e-3}  # kg, kg m2, m; Sec. 2.2 and Table 1
-SHOWN = 1 / 3  # largest relative error of a k_y that a swing shows: beyond, its inverse is far from normal
+SHOWN = 1 / 3  # largest relative error of a factor that a swing shows: beyond, its inverse is far from normal
 
 
 def report(*products, event, names, settings, published):
@@ -64,25 +64,27 @@ def _result(products, settings):
 
 
 def _swing(scaled, moved):
-    """Scale factors, offset and delay as JSON, from scale and offset products; k_y where the swing itself shows it."""
-    own = estimate(moved.k_y, moved.k_y_sigma) | {"sigma_total": number(moved.k_y_sigma_total)}
-    own = own if 0 < float(moved.k_y_sigma_total) < float(moved.k_y) * SHOWN else None
-    arms = []
-    for value, sigma, total in zip(scaled.k.values, scaled.k_sigma.values, scaled.k_sigma_total.values, strict=True):
-        x, _, z = (estimate(v, s) | {"sigma_total": number(t)} for v, s, t in zip(value, sigma, total, strict=True))
+    """Factors, offset and delay as JSON; null: factors that the swing does not show, what they move beyond noise."""
+    own, arms = _shown(moved.k_y, moved.k_y_sigma, moved.k_y_sigma_total), []
+    for row in zip(scaled.k.values, scaled.k_sigma.values, scaled.k_sigma_total.values, strict=True):
+        x, _, z = (_shown(*one) for one in zip(*row, strict=True))
         arms.append({"x": x, "y": own, "z": z})
+    share = np.abs(scaled.beta_sigma.values / scaled.beta.values)[:2]  # of the first two of FACTORS
     arm, adopted = int(scaled.chosen_arm), OFFSETS[int(moved.adopted)]
     offsets = {}
     for choice, name in enumerate(OFFSETS):
         held, total = (1e6 * np.sqrt(np.diag(moved[n].values[choice])) for n in ("covariance", "covariance_total"))
-        offsets[name] = estimate(1e6 * moved.offset.values[choice], held) | {"sigma_total": numbers(total)}
+        moves = 1e6 * np.abs(moved["shift"].values[choice, :2]) * np.where(share < SHOWN, 0, share)[:, None]
+        known = np.where((moves > held).any(axis=0), np.nan, 1.0)
+        offsets[name] = estimate(1e6 * moved.offset.values[choice] * known, held)
+        offsets[name] |= {"sigma_total": numbers(total * known)}
     last = (scaled.filter_value.values[-1] - scaled.batch_value.values) / scaled.filter_sigma.values[-1]
     beta = zip(AXES, scaled.beta.values, scaled.beta_sigma.values, strict=True)
     budget = zip(scaled.attrs["causes"].split(), scaled.k_budget.values, strict=True)
     shifts = zip(moved.attrs["causes"].split(), moved["shift"].values[0], strict=True)
     return {
         "k": arms[arm],
-        "beta": {axis: estimate(value, sigma) for axis, value, sigma in beta},
+        "beta": {axis: estimate(value, sigma) if sigma < abs(value) * SHOWN else None for axis, value, sigma in beta},
         **offsets,
         "adopted": {"solution": adopted, "rule": WORDS.note("adopted"), **offsets[adopted]},
         "delay_s": estimate(scaled.delay, scaled.delay_sigma),
@@ -101,6 +103,10 @@ def _swing(scaled, moved):
             "offset": {"chi2": float(moved.chi2), "dof": int(moved.dof)},
         },
     }
+
+
+def _shown(value, sigma, total):  # factor as JSON, None where the swing does not show it
+    return estimate(value, sigma) | {"sigma_total": number(total)} if total < abs(value) * SHOWN else None
 
 
 def _roll(biased):
@@ -150,7 +156,7 @@ def verdict(document) -> str:
     errors = {}
     if "swing" in document:
         offset, k = document["swing"]["adopted"], document["swing"]["k"]
-        errors["k"] = [(k[axis]["value"], k[axis]["sigma_total"]) for axis in "xz"]
+        errors["k"] = [(k[axis]["value"], k[axis]["sigma_total"]) for axis in "xz" if k[axis]]
         errors["offset in y and z"] = list(zip(offset["value"], offset["sigma_total"], strict=True))[1:]
     if "roll" in document:
         errors["bias"] = list(zip(*(document["roll"]["bias"][name] for name in ("value", "sigma_total")), strict=True))
@@ -216,7 +222,8 @@ def _factor_budget(document):
     swing = document["swing"]
     parts = swing["k_budget_relative"].items()
     rows = [[CAUSES[name], *(f"{100 * shares[axis]:.2f}" for axis in "xz")] for name, shares in parts]
-    rows.append(["total", *(f"{100 * swing['k'][a]['sigma_total'] / swing['k'][a]['value']:.2f}" for a in "xz")])
+    known = [swing["k"][axis] for axis in "xz"]
+    rows.append(["total", *(signed(one and 100 * one["sigma_total"] / abs(one["value"]), 2) for one in known)])
     return WORDS.table("factor_budget", rows)
 
 
@@ -237,9 +244,9 @@ def _by_axis(published, section):
 
 def _offset_budget(document):
     swing = document["swing"]
-    rows = [["noise", *(f"{s:.1f}" for s in swing[OFFSETS[0]]["sigma"])]]
+    rows = [["noise", *(signed(s, 1) for s in swing[OFFSETS[0]]["sigma"])]]
     rows += [[CAUSES[name], *(f"{abs(v):.1f}" for v in shift)] for name, shift in swing["budget_um"].items()]
-    rows.append(["total", *(f"{s:.1f}" for s in swing[OFFSETS[0]]["sigma_total"])])
+    rows.append(["total", *(signed(s, 1) for s in swing[OFFSETS[0]]["sigma_total"])])
     return WORDS.table("offset_budget", rows)
 
 

@@ -11,7 +11,7 @@ from gravcal.errors import EstimationError, refuse
 from gravcal.physics import earth, frames
 
 READINGS = ("biased_range", "range_rate", "range_accl", "lighttime_corr", "lighttime_rate", "lighttime_accl")
-GAP = 0b11000000  # quality bits of ranging: a filled sample within the window of the filter
+FILLED = 0b10000000  # quality bit of ranging: a filled sample within 5 s, where the weight of the filter is
 PHASE_BREAK = 1
 LONG_GAP = 30.0  # s, after which the phase is not trusted to go on
 PER_DAY = 5  # files
@@ -47,7 +47,7 @@ def align(*observed: xr.Dataset, gap_limit_s: float, break_limit_m: float) -> xr
         "reading_range_rate": readings[1],
         "reading_range_acceleration": readings[2],
         "antenna_correction": values[:, 6],
-        "kbr_flag": (flag != 0) | ((quality & GAP) == GAP) | ~np.isfinite(values[:, :6]).all(axis=1),
+        "kbr_flag": (flag != 0) | ((quality & FILLED) != 0) | ~np.isfinite(values[:, :6]).all(axis=1),
         "segment": np.cumsum(phase_break),
     }
     attrs = {"satellites": "".join(camera.attrs["satellite"] for camera in cameras)}
@@ -127,6 +127,9 @@ def breaks(time: np.ndarray, distance: np.ndarray, rate: np.ndarray, acceleratio
 
     Hermite: rho_1 - rho_0 = h (rho'_0 + rho'_1)/2 - h^2 (rho''_1 - rho''_0)/12 + O(h^5); limit in m.
     """
-    h = np.diff(time)
+    known = np.isfinite([distance, rate, acceleration]).all(axis=0)
+    time, distance, rate, acceleration = (one[known] for one in (time, distance, rate, acceleration))
+    h, broken = np.diff(time), np.zeros(known.size, dtype=bool)
     expected = h * (rate[1:] + rate[:-1]) / 2 - h**2 * np.diff(acceleration) / 12
-    return np.append(False, (np.abs(np.diff(distance) - expected) > limit) | (h > LONG_GAP))
+    broken[np.flatnonzero(known)[1:]] = (np.abs(np.diff(distance) - expected) > limit) | (h > LONG_GAP)
+    return broken

@@ -153,11 +153,13 @@ def _verdict(adopted, source, test, settings):
         angles += [sigma / ARM for sigma in block["sigma_mm"][1:] if sigma is not None]
     consistent = None if test["p"] is None else bool(test["p"] >= settings["consistency_level"])
     text = f"{'; '.join(words)} ({source})."
+    count, limit = 2 * len(adopted), settings["requirement_mrad"]
+    known = f" in {len(angles)} of {count} components" if len(angles) < count else ""
     if angles:
-        text += f" Direction known to {1e3 * max(angles):.1f} urad, required {1e3 * settings['requirement_mrad']:.0f}."
+        text += f" Direction known to {1e3 * max(angles):.1f} urad{known}, required {1e3 * limit:.0f}."
     if consistent is not None:
         text += " Manoeuvres agree." if consistent else f" Manoeuvres disagree (p {test['p']:.1g})."
-    met = bool(angles) and len(angles) == 2 * len(adopted) and max(angles) <= settings["requirement_mrad"]
+    met = bool(angles) and len(angles) == count and max(angles) <= limit
     return {"text": text, "accuracy_met": met, "consistent": consistent}
 
 

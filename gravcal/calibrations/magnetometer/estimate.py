@@ -7,7 +7,7 @@ import xarray as xr
 from scipy.interpolate import CubicSpline
 
 from gravcal.calibrations import checks, named_parameters
-from gravcal.calibrations.align import QUATERNION, STATE, between, usable
+from gravcal.calibrations.align import BRIDGED_S, QUATERNION, STATE, between, usable
 from gravcal.calibrations.checks import at_most
 from gravcal.calibrations.magnetometer import model
 from gravcal.calibrations.magnetometer.model import SCHEMAS
@@ -19,20 +19,18 @@ from gravcal.estimation import least_squares
 from gravcal.estimation.noise import NoiseModel
 from gravcal.physics import earth, frames, magnetic
 
-#: Groups of parameters: first part of their names and the effect; axes out of square are no effect of the catalogue
-#: and as plausible as a wrong mounting.
+#: Groups of parameters: first part of their names and the effect; axes i and j stand at 90 deg - 2 e_ij.
 GROUPS = {
     "bias": "magnetometer.bias",
     "scale": "magnetometer.scale",
     "misalignment": "magnetometer.misalignment",
-    "nonorthogonality": "magnetometer.misalignment",
+    "nonorthogonality": "magnetometer.nonorthogonality",
     "leak": "magnetometer.current_leak",
     "external_field": "magnetometer.external_field",
     "delay": "timing.magnetometer_delay",
 }
 NAMES = {
     "misalignment": ("misalignment_x", "misalignment_y", "misalignment_z"),
-    "nonorthogonality": ("nonorthogonality_xy", "nonorthogonality_xz", "nonorthogonality_yz"),
     "external_field": ("external_field",),
     "delay": ("delay",),
 }
@@ -57,7 +55,7 @@ def estimate(
     """
     field, used = model.field(aligned), [group for group in GROUPS if group not in held]
     names, units, sizes = zip(*(one for group in used for one in _parameters(group)), strict=True)
-    blocks = [_columns(field, group) for group in used]
+    blocks = [model.columns(field, GROUPS[group]) for group in used]
     size = np.array(sizes)
     design = np.concatenate(blocks, axis=2) * size  # in units of the plausible sizes, so that nothing is small
     step, floor = float(aligned["step"]), 1e-9 * field_noise_nt
@@ -123,7 +121,7 @@ def of_fields(
     field = model.Field(time, measured_b, model_b, still, still if dipole_b is None else dipole_b, still, still[:, 0])
     groups = [*GROUPS][: 4 + (dipole_b is not None)]
     names, units, _ = zip(*(one for group in groups for one in _parameters(group)), strict=True)
-    design = np.concatenate([_columns(field, group) for group in groups], axis=2)
+    design = np.concatenate([model.columns(field, GROUPS[group]) for group in groups], axis=2)
     return estimating.estimate(field.difference, design, noise, np.zeros((time.size, 0)), names, ",".join(units))
 
 
@@ -132,10 +130,6 @@ def _parameters(group):
     known = effect(GROUPS[group]).parameters
     names = NAMES.get(group, [f"{group}_{one.name}" for one in known])
     return [(name, one.unit, one.prior_sigma) for name, one in zip(names, known, strict=True)]
-
-
-def _columns(field, group):  # derivatives (n, 3, q) T of the difference by the parameters of a group
-    return model.shear(field) if group == "nonorthogonality" else model.columns(field, GROUPS[group])
 
 
 def _solved(rows):
@@ -198,9 +192,9 @@ def compare(
     sca_time, quaternion = usable(camera, QUATERNION)
     orbit_time, state = usable(orbit, STATE)
     time, field = theirs["time"].values, model.field(aligned)
-    inside = (time >= max(sca_time[0], orbit_time[0])) & (time <= min(sca_time[-1], orbit_time[-1]))
+    inside = between(time, sca_time, BRIDGED_S) & between(time, orbit_time, BRIDGED_S)
     time, position_e, field_n = time[inside], *(theirs[n].values[inside] for n in ("position_e", "field_n"))
-    matched = between(field.time, time, GAP_S) if time.size > 1 else np.zeros(field.time.size, dtype=bool)
+    matched = between(field.time, time, GAP_S)
     if matched.sum() < model.LEAST:
         expected = f"at least {model.LEAST} records of the same minutes"
         refuse("calibrated field of others", f"{matched.sum()}", expected, "Give the file of the day.")

@@ -7,7 +7,7 @@ import numpy as np
 import xarray as xr
 
 from gravcal.calibrations import checks, schemas
-from gravcal.calibrations.align import QUATERNION, STATE, off_orbit, usable
+from gravcal.calibrations.align import BRIDGED_S, QUATERNION, STATE, between, off_orbit, usable
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
 from gravcal.effects.sensors import OF_MAGNETOMETER, OF_WARMTH
@@ -23,8 +23,9 @@ LEAST = 20  # least number of records
 DENSE_S = 10.0  # s, longest spacing of an orbit of which velocity and change of position can be compared to 1 mm s-1
 #: Effects that a comparison of two fields can show.
 EFFECTS = (*OF_MAGNETOMETER[:-1], "attitude.star_camera_misalignment", OF_MAGNETOMETER[-1])
-WARMS = 0.1  # rms of the warmth about a straight line, below which it is a bias or a drift of minutes
-APART_S, LONG_S = 600, 3600.0  # longest lag that is looked for; shortest record in which a field has no other like it
+VARIES, TURNS = 0.1, 0.02  # rms of warmth and of the field's direction about a line, below which all is a drift
+#: s: longest lag that is looked for; shortest record in which a field has no other like it, longest with white noise.
+APART_S, LONG_S, SHORT_S = 600, 3600.0, 600.0
 CLEARLY = 4.0  # least ratio of the variance left without a lag to that left with it
 SAMPLES_PER_COEFFICIENT = 100  # of the noise model; fewer give none
 
@@ -55,9 +56,7 @@ def align(
     time, values = usable(mag, (*columns, "current_b"))
     sca_time, quaternion = usable(camera, QUATERNION)
     orbit_time, state = usable(orbit, STATE)
-    inside = np.zeros(time.size, dtype=bool)
-    if sca_time.size > 1 and orbit_time.size > 1:
-        inside = (time >= max(sca_time[0], orbit_time[0])) & (time <= min(sca_time[-1], orbit_time[-1]))
+    inside = between(time, sca_time, BRIDGED_S) & between(time, orbit_time, BRIDGED_S)
     if inside.sum() < LEAST:
         records, remedy = f"{inside.sum()} records with attitude and orbit", "Give files of the same minutes."
         file, count = mag.attrs.get("file", "MAG1B"), int(inside.sum())
@@ -122,9 +121,12 @@ def field(aligned: xr.Dataset) -> Field:
 
 
 def causes(field: Field) -> tuple[str, ...]:
-    """Those of EFFECTS that a record can separate from a bias and a drift: warmth where night and day change it."""
-    rest = field.warmth - np.polynomial.Polynomial.fit(field.time, field.warmth, 1)(field.time)
-    return tuple(slug for slug in EFFECTS if slug not in OF_WARMTH or rest.std() > WARMS)
+    """Those of EFFECTS that a record can separate from a bias and a drift: warmth by night and day, axes by a turn."""
+    series = np.column_stack([field.warmth, field.model_b / np.linalg.norm(field.model_b, axis=1, keepdims=True)])
+    line = least_squares.polynomial(field.time, 1, field.time[0], field.time[-1])
+    warmth, *direction = least_squares.project_out(line, series).std(axis=0)
+    share = dict.fromkeys(OF_WARMTH, warmth / VARIES) | {"magnetometer.nonorthogonality": max(direction) / TURNS}
+    return tuple(slug for slug in EFFECTS if share.get(slug, np.inf) > 1)
 
 
 def columns(field: Field, slug: str) -> np.ndarray:
@@ -136,16 +138,6 @@ def columns(field: Field, slug: str) -> np.ndarray:
     if slug == "attitude.star_camera_misalignment":
         return -effect("magnetometer.misalignment").columns(context)  # the modelled field turns instead
     return effect(slug).columns(context)
-
-
-def shear(field: Field) -> np.ndarray:
-    """Derivatives (n, 3, 3) T of the reading by non-orthogonality xy, xz, yz of the axes, half of it in each axis.
-
-    With E the symmetric matrix of e_xy, e_xz, e_yz: change = E B; axes i and j stand at 90 deg - 2 e_ij.
-    """
-    x, y, z = field.model_b.T
-    zero = np.zeros_like(x)
-    return np.stack([np.stack(one, axis=1) for one in ((y, x, zero), (z, zero, x), (zero, z, y))], axis=2)
 
 
 def noise(field: Field, step: float, columns: list[np.ndarray], order: int, floor: float) -> list[NoiseModel]:

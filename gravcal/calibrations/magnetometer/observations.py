@@ -1,7 +1,6 @@
 """Observations of a magnetometer against the reference field for discovery: parts of the record, left out in turn.
 
-No parameter is free in the baseline: on minutes of data the parameters of the instrument are themselves among the
-causes that are tried, and only what the data support is named. Noise is white in minutes; an hour shows its colour.
+No parameter is free in the baseline: those of the instrument are among the causes, and what data support is named.
 """
 
 import functools
@@ -23,7 +22,7 @@ FAR = {"timing.star_camera_delay": POINTING_S, "timing.magnetometer_delay": 5.0}
 
 
 def observe(products: Mapping[str, xr.Dataset], *, blocks: int, **settings) -> "Readings":
-    """Observations of one record ("align") in so many blocks, its noise white unless it is longer than LONG_S.
+    """Observations of one record ("align") in so many blocks.
 
     Settings are noise_order, field_noise_nt, camera_limit_s and delay_limit_s, within which tags are no lag.
     """
@@ -33,7 +32,7 @@ def observe(products: Mapping[str, xr.Dataset], *, blocks: int, **settings) -> "
     drift = (field.time - (field.time[0] + field.time[-1]) / 2)[:, None, None] * np.eye(3)
     late = model.late(aligned, settings["camera_limit_s"], settings["delay_limit_s"])
     free = [*columns.values(), drift, *(change[..., None] for _, change in late.values())]
-    order = settings["noise_order"] if np.ptp(field.time) > model.LONG_S else 0
+    order = settings["noise_order"] if np.ptp(field.time) > model.SHORT_S else 0
     noise = model.noise(field, step, free, order, 1e-9 * settings["field_noise_nt"])
     parts, columns = np.array_split(np.arange(field.time.size), blocks), columns | {"unknown:time": drift}
     if late:  # fields are not where tagged: only delays are causes, columns the whole effect over the delay
@@ -102,7 +101,7 @@ class Readings(Observations):
 NOTE = (
     "The record is looked at in parts that are left out in turn, with nothing free beforehand: bias, scale, "
     "mounting and leak are themselves among the causes. The noise is that of the residual with every cause in the "
-    "model: white in minutes, its level known to some 10 %, autoregressive in an hour or more. The calibration has all "
-    "of them free but for the temperature, so that nothing else found here changes it."
+    "model: white in ten minutes and less, in more autoregressive with a coefficient for each hundred samples at most. "
+    "The calibration has all of them free but for the temperature, so that nothing else found here changes it."
 )
 REPORT = Reported(note=NOTE)

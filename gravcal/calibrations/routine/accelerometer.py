@@ -8,7 +8,7 @@ from scipy.interpolate import BSpline
 from scipy.ndimage import binary_dilation
 
 from gravcal.calibrations import checks, named_parameters, schemas
-from gravcal.calibrations.align import QUATERNION, STATE, gps_tags, sorted_samples, usable
+from gravcal.calibrations.align import BRIDGED_S, QUATERNION, STATE, between, gps_tags, sorted_samples, usable
 from gravcal.calibrations.causes import listed
 from gravcal.calibrations.schemas import build
 from gravcal.effects import Context, effect
@@ -26,6 +26,7 @@ PAIRS = ("yaw_minus", "pitch_plus", "yaw_plus", "pitch_minus", "roll_minus", "ro
 COMPONENTS = ("linear_x", "linear_y", "linear_z", "angular_x", "angular_y", "angular_z")
 ITERATIONS = 5  # of noise and delay
 CALMER = 5  # iterations of noise model and rejection of outliers
+MAG_GAP_S = 30.0  # s, longest gap of MAG1B that currents are interpolated over
 TOGETHER_S = 8.0  # s, samples beyond noise this close are one transient
 LATEST_S = 5.0  # s, half of the range of delays of firings tried, about zero or about a lag that stands out
 APART_S = 600  # s, longest lag that is tried
@@ -59,8 +60,7 @@ def align(
     sca_time, quaternion = usable(camera, QUATERNION)
     orbit_time, state = usable(orbit, STATE)
     good = (flag == 0) & np.isfinite(values).all(axis=1)
-    for covered in (sca_time, orbit_time):
-        good &= (time >= covered[0]) & (time <= covered[-1]) if covered.size > 3 else False
+    good &= between(time, sca_time, BRIDGED_S) & between(time, orbit_time, BRIDGED_S)
     if not good.any():
         expected, remedy = "some in the same minutes", "Give files of the same minutes."
         refuse("accelerometer", "no reading with attitude and orbit", expected, remedy, EstimationError)
@@ -70,9 +70,6 @@ def align(
     count = np.bincount(place)
     mean = np.stack([np.bincount(place, one) for one in values.T], axis=1) / np.maximum(count, 1)[:, None]
     mean[count < 0.7 * np.median(count[count > 0])] = np.nan  # a mean of half a step is another signal
-    if np.isfinite(mean[:, 0]).sum() < LEAST:
-        steps, remedy = f"{np.isfinite(mean[:, 0]).sum()} steps of {step_s:g} s with readings", "Give a longer record."
-        refuse("accelerometer", steps, LEAST, remedy, EstimationError)
     middle = first + step_s * (np.arange(count.size) + 0.5)
     # a firing is short, samples are not at whole tenths: a mean belongs to the time that its samples cover
     half = np.median(np.diff(time)) / 2
@@ -80,9 +77,13 @@ def align(
     ends = np.stack([middle - step_s / 2, middle + step_s / 2])
     ends[0, occupied] = np.minimum.reduceat(time, np.searchsorted(place, occupied)) - half
     ends[1, occupied] = np.maximum.reduceat(time, np.searchsorted(place, occupied)) + half
-    aligned = {"time": middle, "linear_b": mean[:, :3], "angular_b": mean[:, 3:], "step": step_s}
+    torquers, known = _torquers(by_product.get("MAG1B"), ends, np.asarray(dipole_per_current))
+    mean[~known] = np.nan
+    if np.isfinite(mean[:, 0]).sum() < LEAST:
+        steps, remedy = f"{np.isfinite(mean[:, 0]).sum()} steps of {step_s:g} s with readings", "Give a longer record."
+        refuse("accelerometer", steps, LEAST, remedy, EstimationError)
+    aligned = torquers | {"time": middle, "linear_b": mean[:, :3], "angular_b": mean[:, 3:], "step": step_s}
     aligned |= {"begin": ends[0], "end": ends[1]}
-    aligned |= _torquers(by_product.get("MAG1B"), ends, np.asarray(dipole_per_current))
     field_at = magnetic.body_field(orbit_time, state[:, :3], sca_time, frames.continuous(quaternion), igrf_generation)
     field_b, _ = field_at(np.clip(middle, sca_time[0], sca_time[-1]))
     torque = np.cross(aligned["dipole_b"], field_b)
@@ -95,18 +96,18 @@ def align(
 def _torquers(mag, ends, dipole_per_current):
     """Mean dipole (n, 3) A m2 in steps with ends (2, n) s and its rate (n, 3) A m2 s-1, from MAG1B; zero without it.
 
+    And whether they are known (n,) bool: not beyond the record or in a gap of over `MAG_GAP_S`.
     When a current changes between two records is not known; its expectation, linear in between, does not bias a gain.
     """
     time, current = ((), ()) if mag is None else usable(mag, ("current_b",))
     if not len(time):
-        return {name: np.zeros((ends.shape[1], 3)) for name in ("dipole_b", "dipole_rate_b")}
+        none = np.zeros((ends.shape[1], 3))
+        return {"dipole_b": none, "dipole_rate_b": none}, np.ones(ends.shape[1], dtype=bool)
     fine = np.linspace(*ends, 21)[1::2]
     dipole = np.stack([np.interp(fine, time, one).mean(axis=0) for one in current.T], axis=1) * dipole_per_current
     at_ends = np.stack([np.interp(ends, time, one) for one in current.T], axis=2)
     rate = (at_ends[1] - at_ends[0]) / (ends[1] - ends[0])[:, None] * dipole_per_current
-    uncovered = (ends[0] < time[0]) | (ends[1] > time[-1])
-    dipole[uncovered] = rate[uncovered] = 0.0
-    return {"dipole_b": dipole, "dipole_rate_b": rate}
+    return {"dipole_b": dipole, "dipole_rate_b": rate}, between(ends, time, MAG_GAP_S).all(axis=0)
 
 
 def _firings(fired):

@@ -797,9 +797,9 @@ def _check_identity(file, header, table, arrays, expected):
         if not re.fullmatch(r"\d{4}-\d{2}-\d{2}", day):
             refuse(where, f"the date {day}", "YYYY-MM-DD", "Correct the date.")
         start = int((np.datetime64(day) - noon_2000) / np.timedelta64(1, "s"))
-        if not ((seconds >= start - margin) & (seconds < start + DAY_S + margin)).any():
-            first = np.datetime_as_string(noon_2000 + np.timedelta64(int(seconds[0]), "s"))
-            coverage = f"no record of {day}, the first at {first} GPS"
+        middle = int(np.median(seconds))  # the ends of a file may lie in the days beside its own
+        if not start - margin <= middle < start + DAY_S + margin:
+            coverage = f"records not of {day}, their middle at {noon_2000 + np.timedelta64(middle, 's')} GPS"
             refuse(where, coverage, f"records of {day}", "Take the right day's file.")
     other_scale = _other_time(arrays, table)
     if other_scale is not None and 2 * np.count_nonzero(other_scale) > other_scale.size:  # fewer are flagged

@@ -413,10 +413,7 @@ def test_the_printed_torque_is_that_of_a_tensor_of_rank_one():
 
 
 def test_one_epoch_has_rank_six_of_eight_and_the_printed_pair_five():
-    """Published: errata S-8 and S-6; at the centre of mass the drag is seen by translation alone.
-
-    Of the printed pair the null vector is along p = q_d - h in both halves.
-    """
+    """Published: errata S-8, S-6: at the centre of mass translation alone sees the drag; null along p = q_d - h."""
     cube = 8e-5 * np.eye(3)
     for place, drag_seen in (([1e-3, 2e-3, -1e-3], False), ([0.0, 0.0, 0.0], True)):
         sensor = model.Sensor(BODY, cube, 600.0, np.array(place), np.array([0.1, 0.02, 0.03]))

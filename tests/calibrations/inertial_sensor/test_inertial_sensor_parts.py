@@ -70,10 +70,7 @@ def test_the_orbit_frame_is_that_of_the_sensor_in_normal_pointing():
 
 
 def test_rolling_leaves_a_constant_offset_term_and_the_printed_matrix_differs_in_one():
-    """Published: Omega^2 p of erratum T-10 with the offset of Table 5: 1.1e-8 and 6.8e-8 m s-2 for 724 s.
-
-    Element (3,1) of eq. 13 has -wd_y misprinted as +wd_y (erratum T-1).
-    """
+    """Published: T-10 with Table 5: 1.1e-8 and 6.8e-8 m s-2 for 724 s; of eq. 13 element (3,1) is misprinted (T-1)."""
     rate = np.broadcast_to([0.0, 2 * np.pi / 724, 0.0], (100, 3))
     tensor = bias.offset_terms(rate, np.zeros((100, 3, 3)), 10.0)
     felt = np.abs(tensor.mean(axis=0) @ [-140.02e-6, 627.75e-6, -896.46e-6])
