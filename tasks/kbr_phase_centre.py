@@ -15,7 +15,7 @@ KINDS = product.registered("kbr_phase_centre", **schemas.of("kbr_phase_centre.to
 ALIGN, POINTING, OBSERVABLE, NOISE, SOLVE, COMBINE, REPORT, CHECKED = KINDS
 
 
-@stage(reads=["ingest"], writes=ALIGN, version=2)
+@stage(reads=["ingest"], writes=ALIGN, version=3)
 def align(*observed, **settings):
     """Ranging, orbits and attitudes on GPS time."""
     return align_science.align(*observed, **settings)
@@ -39,7 +39,7 @@ def noise(equations, **settings):
     return noise_science.noise(equations, **settings)
 
 
-@stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=5)
+@stage(reads=[OBSERVABLE, NOISE], writes=SOLVE, version=6)
 def solve(equations, measured, *, variant, **settings):
     """Phase centres of both satellites from one observable (variant); measured: its noise."""
     return estimate_science.solve(equations, measured, variant=variant, **settings)
@@ -63,7 +63,7 @@ def checks(aligned, pointed, ranges, rates, *orbits, **settings):
     return checks_science.of_inputs(aligned, pointed, ranges, rates, *orbits, **settings)
 
 
-@stage(reads=[COMBINE, POINTING, NOISE, CHECKED, SOLVE], writes=REPORT, version=3)
+@stage(reads=[COMBINE, POINTING, NOISE, CHECKED, SOLVE], writes=REPORT, version=4)
 def report(*products, event, settings, published, nominal_m):
     """Result document, page, vector files and lines of the sequence-of-events file."""
     return report_science.report(*products, event=event, settings=settings, published=published, nominal_m=nominal_m)

@@ -14,7 +14,7 @@ KINDS = product.registered("ranging", **schemas.of("ranging.toml"))
 ALIGNED = [f"kbr_phase_centre.{name}" for name in ("align", "pointing", "observable")]
 
 
-@stage(reads=ALIGNED, writes="ranging.align", version=5)
+@stage(reads=ALIGNED, writes="ranging.align", version=6)
 def align(aligned, pointed, equations, **settings):
     """Quiet ranging minus orbit, with design columns by smoothed pointing."""
     return model.align(aligned, pointed, equations, **settings)

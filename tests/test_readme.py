@@ -66,9 +66,8 @@ def test_the_python_lines_print_what_the_readme_says(tmp_path, monkeypatch):
     promised = [[float(n) for n in NUMBER.findall(line)] for line in blocks(readme, "text")[1][1].splitlines()]
     printed = [[float(n) for n in NUMBER.findall(line)] for line in said.getvalue().splitlines()]
     assert printed == [pytest.approx(row, abs=TOLERANCE_UM) for row in promised]  # um
-    demo = {
-        line.split()[0]: [float(n) for n in NUMBER.findall(line)] for line in blocks(readme, "text")[0][1].splitlines()
-    }
+    lines = blocks(readme, "text")[0][1].splitlines()
+    demo = {line.split()[0]: [float(n) for n in NUMBER.findall(line)] for line in lines}
     assert [row[0] for row in printed] == pytest.approx(demo["sca"][0:6:2], abs=TOLERANCE_UM)  # um
     assert [row[2] for row in printed] == demo["truth"]
     with contextlib.redirect_stdout(io.StringIO()):

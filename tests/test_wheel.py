@@ -20,9 +20,8 @@ def run(*command, cwd, expect=0, **environment):
     """Output of a command that sees neither the project's folder nor this process's settings."""
     kept = {name: value for name, value in os.environ.items() if not name.startswith(("PYTHON", "GRAVCAL"))}
     settings = kept | {name: str(value) for name, value in environment.items()}
-    done = subprocess.run(
-        [str(word) for word in command], cwd=cwd, env=settings, capture_output=True, text=True, check=False
-    )
+    how = {"cwd": cwd, "env": settings, "capture_output": True, "text": True}
+    done = subprocess.run([str(word) for word in command], **how, check=False)
     assert done.returncode == expect, done.stdout + done.stderr
     return done.stdout
 

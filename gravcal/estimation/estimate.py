@@ -92,20 +92,20 @@ def estimate(
             f"observations {observed.shape}: found columns {columns.shape}, {len(noise)} noise models, "
             f"{len(nuisance)} nuisance rows, expected ({count}, {series}, {len(names)}), {series}, {count}."
         )
-    information, right, dof, rows = 0.0, 0.0, -len(names), []
+    information, right, samples, rows = 0.0, 0.0, 0, []
     for axis in range(series):
         valid = np.isfinite(observed[:, axis]) & np.isfinite(columns[:, axis]).all(axis=1)
         white = whiten(noise[axis], np.column_stack([observed[:, axis], columns[:, axis], nuisance]), valid)
         clean = least_squares.project_out(white[:, 1 + len(names) :], white[:, : 1 + len(names)])
-        rounding = ROUNDING * np.linalg.norm(white[:, : 1 + len(names)], axis=0)
-        clean[:, np.linalg.norm(clean, axis=0) < rounding] = 0.0  # a column that the nuisance columns hold
+        rounding = ROUNDING * np.linalg.norm(white[:, 1 : 1 + len(names)], axis=0)
+        clean[:, 1:][:, np.linalg.norm(clean[:, 1:], axis=0) < rounding] = 0.0  # a column that nuisance columns hold
         rows.append(clean)
         information = information + clean[:, 1:].T @ clean[:, 1:]
         right = right + clean[:, 1:].T @ clean[:, 0]
-        dof += int(valid.sum()) - least_squares.orthonormal(white[:, 1 + len(names) :]).shape[1]
-    if dof < 1:
+        samples += int(valid.sum()) - least_squares.orthonormal(white[:, 1 + len(names) :]).shape[1]
+    if (dof := samples - least_squares.rank(information)) < 1:
         raise EstimationError(
-            f"found {dof + len(names)} samples beyond the nuisance parameters, expected more than the {len(names)} "
+            f"found {samples} samples beyond the nuisance parameters, expected more than the {samples - dof} "
             f"parameters. Give a longer record."
         )
     value, covariance, solution = _solved(information, right)
@@ -128,7 +128,7 @@ def together(*estimates: Estimate) -> Estimate:
     for one in estimates:
         moved = solution - least_squares.stable_inverse(one.information) @ one.right
         chi2 += one.chi2 + float(moved @ one.information @ moved)
-    dof = sum(one.dof for one in estimates) + (len(estimates) - 1) * len(first.names)
+    dof = sum(one.dof + least_squares.rank(one.information) for one in estimates) - least_squares.rank(information)
     residual = np.concatenate([one.residual for one in estimates])
     return Estimate(first.names, first.unit, value, covariance, chi2, dof, information, right, residual)
 

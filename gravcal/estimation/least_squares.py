@@ -149,18 +149,18 @@ def disagreement(residuals: Sequence, informations: Sequence, modes: Sequence) -
     count, size = modes[0].shape[1], informations[0].shape[0]
     normal, right, total = np.zeros((size + count,) * 2), np.zeros(size + count), 0.0
     normal[size:, size:] = np.eye(count)
-    rank = 0
+    directions = 0
     for residual, information, mode in zip(residuals, informations, modes, strict=True):
         inverse = stable_inverse(information)
         columns = np.concatenate([information, mode], axis=1)
         normal += columns.T @ inverse @ columns
         right += columns.T @ inverse @ residual
         total += residual @ inverse @ residual
-        rank += _rank(information)
-    return float(max(total - right @ stable_inverse(normal) @ right, 0.0)), rank - _rank(sum(informations))
+        directions += rank(information)
+    return float(max(total - right @ stable_inverse(normal) @ right, 0.0)), directions - rank(sum(informations))
 
 
-def _rank(information):
+def rank(information):
     """Number of independent directions of an information matrix (p, p), scaled to unit diagonal."""
     scale = np.sqrt(np.abs(np.diag(information)))
     used = scale > 0

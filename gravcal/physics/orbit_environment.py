@@ -2,6 +2,7 @@
 
 import erfa
 import numpy as np
+from scipy.signal import lfilter
 
 from gravcal.physics import earth
 from gravcal.physics.constants import EARTH_RADIUS
@@ -43,10 +44,8 @@ def warmth(time, time_orbit, position_i, lag_s=WARMING_S):
     sun = sun_i(nodes[[0, -1]])
     along = ((nodes - nodes[0]) / max(nodes[-1] - nodes[0], 1.0))[:, None]
     light = sunlit(position, sun[0] + along * (sun[1] - sun[0])).astype(float)
-    keep, state, values = np.exp(-STEP_S / lag_s), light.mean(), np.empty(nodes.size)
-    for k, lit in enumerate(light):
-        values[k] = state
-        state = lit + (state - lit) * keep
+    keep = np.exp(-STEP_S / lag_s)
+    values, _ = lfilter([0.0, 1 - keep], [1.0, -keep], light, zi=[light.mean()])
     return np.interp(time, nodes, values)
 
 

@@ -201,6 +201,9 @@ def test_samples_off_the_grid_are_interpolated_and_steps_and_long_gaps_begin_a_s
     near = (at > 300) & (at < 560) & ~missing  # ends of a stretch: the spline has one side only
     assert_allclose(found[~missing & ~near], wave(at[~missing & ~near]), atol=1e-9)
     assert_allclose(found[near], wave(at[near]), atol=1e-6)
+    noise = np.random.default_rng(1).standard_normal((192, 4))  # of an attitude; a gap of 9 s does not amplify it
+    bridged = align.interpolated(np.delete(np.arange(200.0), range(100, 108)), noise, np.arange(200.0), 10.0)
+    assert np.abs(bridged).max() < 10
     time = np.delete(np.arange(0.0, 1000.0, 5.0), [*range(60, 63), *range(120, 140)])
     w = 2.2e-3  # rad s-1, twice per revolution
     values = [1e3 * np.sin(w * time), 1e3 * w * np.cos(w * time), -1e3 * w**2 * np.sin(w * time)]

@@ -79,11 +79,10 @@ DATE = """
 def fakecal(pipeline, tmp_path, monkeypatch):
     """Return the folder of Level-1 files of an invented calibration that the command line knows."""
     extra = tmp_path / "extra"
-    (extra / "fakecal-1.dist-info").mkdir(parents=True)
-    (extra / "fakecal-1.dist-info" / "METADATA").write_text("Metadata-Version: 2.1\nName: fakecal\nVersion: 1\n")
-    (extra / "fakecal-1.dist-info" / "entry_points.txt").write_text(
-        f"[{calibration.GROUP}]\nfakecal = fakecal:CALIBRATION\n"
-    )
+    about = extra / "fakecal-1.dist-info"
+    about.mkdir(parents=True)
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: fakecal\nVersion: 1\n")
+    (about / "entry_points.txt").write_text(f"[{calibration.GROUP}]\nfakecal = fakecal:CALIBRATION\n")
     (extra / "fakecal.py").write_text(
         textwrap.dedent(CALIBRATION.replace("{{", "{").replace("}}", "}")).replace("{name}", pipeline.name)
     )

@@ -350,9 +350,8 @@ def test_a_cluster_by_hand(public, events, tmp_path, monkeypatch):
         (place / "own").mkdir()
         monkeypatch.setattr(sys, "executable", python or sys.executable)
         here = place / events.relative_to(tmp_path)
-        code, summary = campaign(
-            known | keys_in(place / "own", key, cert), here, "--engine", "inline", "--scheduler", url
-        )
+        trusted = known | keys_in(place / "own", key, cert)
+        code, summary = campaign(trusted, here, "--engine", "inline", "--scheduler", url)
         assert [process.poll() for process in running] == [None] * 3  # a cluster that was there lives on
     finally:
         os.umask(before)

@@ -81,9 +81,8 @@ def motion(orbit, t, step, rng, known):
     fine = np.arange(2 * len(t) - 1) * step / 2 + t[0]
     turn = earth.gcrs_to_earth(DATE, fine)
     there = np.einsum("nij,nj->ni", turn, orbit.position(fine))
-    felt = shape(
-        {nm: np.array(cs) + ERROR * rng("field", nm).normal(size=2) * [1, nm[1] > 0] for nm, cs in FIELD.items()}
-    )
+    errors = {nm: ERROR * rng("field", nm).normal(size=2) * [1, nm[1] > 0] for nm in FIELD}
+    felt = shape({nm: np.array(cs) + errors[nm] for nm, cs in FIELD.items()})
     gradient = turn.transpose(0, 2, 1) @ tensor(there, felt) @ turn
     magnetic = np.einsum("nji,nj->ni", turn, field_earth(DATE, fine, there, generation=14))
     drag = noise.Smooth(rng("drag"), [-1.1e-7, 1.2e-8, -6e-9], [2e-8, 8e-9, 4e-9], [3e-9, 2e-9, 2e-9])(fine)

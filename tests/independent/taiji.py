@@ -107,9 +107,8 @@ class Sensor:
         w, wd = rates(kind, fine, self.rng, mean)
         middle = (w[1:] + w[:-1]) / 2 - STEP**2 / 12 * (wd[1:] - wd[:-1]) / STEP
         start = flight(orbit, fine[:1])[0] * Rotation.from_rotvec(self.rng("start", kind).normal(0, 3e-4, 3))
-        q = Rotation.from_quat(
-            turned(tuple(start.as_quat(scalar_first=True).tolist()), middle * STEP), scalar_first=True
-        )
+        begun = tuple(start.as_quat(scalar_first=True).tolist())
+        q = Rotation.from_quat(turned(begun, middle * STEP), scalar_first=True)
         inside = (fine > begin - STEP / 4) & (fine < begin + duration - STEP / 4)
         at = np.flatnonzero(inside)[::2]  # 10 Hz
         recorded = self.readings(kind, orbit, fine[at], q[at], w[at], wd[at])

@@ -63,10 +63,11 @@ def inputs(modelled: xr.Dataset, observed: xr.Dataset, *, satellite: Mapping, **
 
 def _pointing(position, velocity, quaternion):
     """Largest angle rad of attitudes (n, 4) from the orbit frame of positions m and velocities m s-1 (n, 3)."""
-    known = (np.linalg.norm(np.cross(position, velocity), axis=1) > 0) & (np.linalg.norm(quaternion, axis=1) > 0.5)
+    norm = np.linalg.norm(quaternion, axis=1)
+    known = (np.linalg.norm(np.cross(position, velocity), axis=1) > 0) & (norm > 0.5)
     if not known.any():
         return np.nan
-    R_bi = frames.R_bi_from_quaternion(quaternion[known])
+    R_bi = frames.R_bi_from_quaternion(quaternion[known] / norm[known, None])
     cosine = np.einsum("nij,nij->n", R_bi, orbit_frame(position[known], velocity[known])) / 2 - 0.5
     return np.arccos(np.clip(cosine, -1, 1)).max()
 

@@ -285,7 +285,7 @@ def _arc(modelled, one_sensor, sensor, epochs, spacing, satellite):
         "gradient": float(np.sqrt(modelled["gradient_variance"].values.max())),
         "motion": max(spread / np.linalg.norm(place), 1e-13),
         "pressure": np.array(satellite["centre_of_pressure_sigma"]),
-        "torque": float(one_sensor["torque_residual"].values.max()) if "torque_residual" in one_sensor else 1e-6,
+        "torque": float(one_sensor["torque_residual"].values.max() if "torque_residual" in one_sensor else 0.0) or 1e-6,
     }
     rates = (modelled[name].values[0][at] for name in ("rate_b", "rate_dot_b"))
     drag_b = np.where(np.isfinite(drag_b[at]), drag_b[at], np.nanmean(drag_b, axis=0))

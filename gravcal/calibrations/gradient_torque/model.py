@@ -156,10 +156,10 @@ def torque(
     Attitude (`modelled`, by all sensors) is that of "gradient_torque.gradient", `stored` the field; the satellite has
     inertia, test_mass(_inertia), angular_noise_density (1.5 bins of a Hann spectrum), panel_area, _normal, _centre.
     """
-    time, position = observed["time"].values, observed["position"].values
+    time, (position, velocity) = observed["time"].values, orbit(observed, np.inf)
     every = slice(None, None, max(1, round(spectrum_step_s / float(np.median(np.diff(time))))))
     R_ei = earth.R_ei(time[every])
-    R_oi = attitude.orbit_frame(position[every], observed["velocity"].values[every])
+    R_oi = attitude.orbit_frame(position[every], velocity[every])
     R_be = attitude.R_bo(modelled["angle"].values[-1][every]) @ R_oi @ np.swapaxes(R_ei, 1, 2)
     position_e, known = np.matvec(R_ei, position[every]), field_of(stored)
     if known.degree < highest_degree:

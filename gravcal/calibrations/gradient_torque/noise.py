@@ -144,8 +144,11 @@ def _with_jumps(free, axis, places):
 def of_attitude(about, R_bi, observed, modelled, beyond, settings) -> Channel:
     """Channel of star camera against angular readings, start and rate of each stretch free; beyond by `unsmoothed`."""
     width = _width(about.time, settings["bin_s"])
-    turned = R_bi @ np.swapaxes(frames.R_bi_from_quaternion(observed["q"].values), 1, 2)
-    angle = np.stack([turned[:, i, j] - turned[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1) / 2
+    norm = np.linalg.norm(observed["q"].values, axis=1, keepdims=True)  # NaN where there is none
+    unit = np.where(norm > 0.5, observed["q"].values / np.maximum(norm, 0.5), [1.0, 0, 0, 0])
+    turned = R_bi @ np.swapaxes(frames.R_bi_from_quaternion(unit), 1, 2)
+    angle = np.stack([turned[:, i, j] - turned[:, j, i] for i, j in ((2, 1), (0, 2), (1, 0))], axis=1)
+    angle = np.where(norm > 0.5, angle / 2, np.nan)
     angular, residual = modelled["angular_b"].values.mean(axis=1), -beyond
     time, turned = means(about.time, width), means(R_bi, width)
     bins = means(angle, width)

@@ -111,23 +111,15 @@ def _shown(value, sigma, total):  # factor as JSON, None where the swing does no
 
 def _roll(biased):
     """Bias and the parts of its error as JSON, from the bias product; null where not separable."""
-    separable = biased.separable.values.astype(bool)
-    own = {
-        name: numbers(np.where(separable, biased[name].values, np.nan))
-        for name in ("bias", "bias_sigma", "bias_sigma_total", "bias_volt", "bias_volt_sigma")
-    }
+    known = np.where(biased.separable.values, 1.0, np.nan)
+    bias = estimate(biased.bias.values * known, biased.bias_sigma.values)
+    constant = estimate(biased.bias[1], biased.bias_sigma[1]) | {"sigma_total": number(biased.bias_sigma_total[1])}
     return {
-        "bias": {"value": own["bias"], "sigma": own["bias_sigma"], "sigma_total": own["bias_sigma_total"]},
-        "bias_volt": {"value": own["bias_volt"], "sigma": own["bias_volt_sigma"]},
+        "bias": bias | {"sigma_total": numbers(biased.bias_sigma_total.values * known)},
+        "bias_volt": estimate(biased.bias_volt.values * known, biased.bias_volt_sigma.values),
         "segments": int(np.count_nonzero(biased.used)),
         "segments_found": int(biased.used.size),
-        "constant_y": {
-            "value": number(biased.bias[1]),
-            "sigma": number(biased.bias_sigma[1]),
-            "sigma_total": number(biased.bias_sigma_total[1]),
-            "volt": number(biased.bias_volt[1]),
-            "meaning": WORDS.note("constant_y"),
-        },
+        "constant_y": constant | {"volt": number(biased.bias_volt[1]), "meaning": WORDS.note("constant_y")},
         "budget": {
             name: numbers(biased[name].values)
             for name in ("statistical_sigma", "offset_sigma", "factor_sigma", "wander", "offset_effect")

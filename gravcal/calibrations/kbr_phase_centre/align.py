@@ -101,7 +101,8 @@ def _common_grid(times, observed):
 def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray, gap_limit_s: float) -> np.ndarray:
     """Samples (n, m) at other epochs (k,) s: as they are where epochs coincide, by a spline of degree 7 elsewhere.
 
-    Between samples further apart than `gap_limit_s`, and outside, the result is NaN; time is strictly increasing.
+    Of quaternions, m = 4, gaps are bridged by one of 3, for the other amplifies noise tenfold there. Between samples
+    further apart than `gap_limit_s`, and outside, the result is NaN; time is strictly increasing.
     """
     result = np.full((at.size, values.shape[1]), np.nan)
     after = np.clip(np.searchsorted(time, at - 1e-7), 0, time.size - 1)
@@ -109,16 +110,17 @@ def interpolated(time: np.ndarray, values: np.ndarray, at: np.ndarray, gap_limit
     result[same] = values[after[same]]
     if same.all():
         return result
-    cuts = np.flatnonzero(np.diff(time) > max(gap_limit_s, 1.5 * np.median(np.diff(time)))) + 1
-    for run in np.split(np.arange(time.size), cuts):
-        wanted = ~same & (at > time[run[0]]) & (at < time[run[-1]])
-        if not wanted.any():
-            continue
-        degree = min(7, (run.size - 1) // 2 * 2 - 1) if run.size > 2 else 1
-        nearest = np.searchsorted(time[run], at[wanted])[:, None] + np.arange(-12, 13)
-        near = run[np.unique(np.clip(nearest, 0, run.size - 1))]
-        spline = make_interp_spline(time[near] - time[run[0]], values[near], k=degree)
-        result[wanted] = spline(at[wanted] - time[run[0]])
+    for limit, highest in ((gap_limit_s, 3), (0.0, 7)) if values.shape[1] == 4 else ((gap_limit_s, 7),):
+        cuts = np.flatnonzero(np.diff(time) > max(limit, 1.5 * np.median(np.diff(time)))) + 1
+        for run in np.split(np.arange(time.size), cuts):
+            wanted = ~same & (at > time[run[0]]) & (at < time[run[-1]])
+            if not wanted.any():
+                continue
+            degree = min(highest, (run.size - 1) // 2 * 2 - 1) if run.size > 2 else 1
+            nearest = np.searchsorted(time[run], at[wanted])[:, None] + np.arange(-12, 13)
+            near = run[np.unique(np.clip(nearest, 0, run.size - 1))]
+            spline = make_interp_spline(time[near] - time[run[0]], values[near], k=degree)
+            result[wanted] = spline(at[wanted] - time[run[0]])
     return result
 
 

@@ -149,10 +149,11 @@ def of_result(
     deviation = (np.abs(centre - centre[row, column]) / np.maximum(sigma, sigma[row, column]))[..., determined]
     tests.append(at_most("observables apart", deviation[:, column].max(), limits["observables_limit"], "sigma"))
     tests.append(at_most("robust apart from ls", deviation[row].max(), limits["robust_limit"], "sigma"))
-    distance = 1e3 * np.abs(centre[row, column] - np.asarray(nominal_m, dtype=float).ravel())
+    distance = 1e3 * (np.abs(centre[row, column] - np.ravel(nominal_m)) - 3 * sigma[row, column])
     for k, letter in enumerate(combined.attrs["satellites"]):
         for axes, place, limit in (("x", [0], "plausible_x_mm"), ("y and z", [1, 2], "plausible_yz_mm")):
             own = distance[[3 * k + i for i in place if determined[3 * k + i]]]
             if own.size:
-                tests.append(at_most(f"{axes} of {letter} against the catalogue", own.max(), limits[limit], "mm"))
+                name = f"{axes} of {letter} against the catalogue, less 3 sigma"
+                tests.append(at_most(name, own.max(initial=0.0), limits[limit], "mm"))
     return tests

@@ -246,7 +246,7 @@ def noise_variance(parts: list[Arc], design, residual, measured: xr.Dataset, ban
 def _by_manoeuvre(equations, parts, numbers, joint, scale):
     """Transverse component m of each manoeuvre, others held at `joint` (6,) m, sigma, chi-square; scale: sigma0."""
     value, sigma = (np.full(equations.sizes["manoeuvre"], np.nan) for _ in range(2))
-    chi2, parameters = 0.0, set()
+    chi2, explained, normal = 0.0, 0.0, sum(part.column.T @ part.column for part in parts)
     for part, k in zip(parts, numbers, strict=True):
         parameter = 3 * int(equations["satellite_index"][k]) + (2, 1)[int(equations["axis_index"][k])]
         column = part.column[:, parameter]
@@ -257,8 +257,9 @@ def _by_manoeuvre(equations, parts, numbers, joint, scale):
         value[k] = joint[parameter] + column @ residual / information
         sigma[k] = scale / np.sqrt(information)
         chi2 += float((column @ residual) ** 2 / information / scale**2)
-        parameters.add(parameter)
-    dof = max(len(parts) - len(parameters), 0)
+        shown = part.column.T @ column
+        explained += shown @ least_squares.stable_inverse(normal) @ shown / information
+    dof = max(len(parts) - round(explained), 0)  # what the joint fit takes of each, of x as of y and z
     return {"arc_value": value, "arc_sigma": sigma, "arcs_chi2": chi2, "arcs_dof": dof}
 
 

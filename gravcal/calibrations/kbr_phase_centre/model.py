@@ -220,9 +220,7 @@ def observable(
     spans = np.stack([pointed["start"].values, pointed["stop"].values], axis=1)
     epochs = np.clip(np.rint(at - time[0]).astype(int), 0, time.size - 1)
     published, step = -line[epochs], float(np.median(np.diff(at))) if at.size > 1 else 1.0
-    for _ in range(
-        derivative
-    ):  # D and D D of Remote Sens. 2022, 14, 3395, eqs. 17, 19; no window printed (erratum K-4)
+    for _ in range(derivative):  # D, D D of Remote Sens. 2022, 14, 3395, eqs. 17, 19; no window printed (erratum K-4)
         options = {"deriv": 1, "delta": step, "axis": 0, "mode": "nearest"}
         published = savgol_filter(published, 2 * published_half_width + 1, 3, **options)
     values = {

@@ -105,11 +105,11 @@ def _determined(combined, pointed, settings):
     published = [WORDS.note("published")] if combined.attrs["method"] == "published" else []
     ratio_known = np.isfinite(_sigma_ratio(combined["covariance"].values[1, 0, 0], 0))
     # error of the mean of y and z as the scatter between sub-manoeuvres shows it
-    satellite, axis = combined["satellite_index"].values, combined["axis_index"].values
+    satellite, axis, value = (combined[name].values for name in ("satellite_index", "axis_index", "arc_value"))
     scatter = {name: {} for name in OBSERVABLES}
     for o, name in enumerate(OBSERVABLES):
         for k, letter in enumerate(combined.attrs["satellites"]):
-            estimates = [1e3 * combined["arc_value"].values[o, (satellite == k) & (axis == a)] for a in (1, 0)]
+            estimates = [1e3 * value[o, np.isfinite(value[o]) & (satellite == k) & (axis == a)] for a in (1, 0)]
             spread = [np.std(v, ddof=1) / np.sqrt(v.size) if v.size > 1 else np.nan for v in estimates]
             scatter[name][letter] = [None, *numbers(spread)]
     return {

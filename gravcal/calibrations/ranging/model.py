@@ -63,8 +63,7 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
     crn_filter = crn.operator(crn.Crn(), 0, known, (second[0], 1.0), at)
     parts = crn_filter(np.column_stack([column, correction, *bands]))
     column, correction, *bands = np.split(parts, np.cumsum([6, 1, len(EDGES_HZ) - 1]), axis=1)
-    all_at, distance = aligned["time_kbr"].values, aligned["reading_range"].values
-    here = np.isin(all_at, at)
+    here = np.isin(aligned["time_kbr"].values, at)
     position = aligned["position_i"].values[0]
     kept = np.isfinite(position).all(axis=1)
     orbit, position = aligned["time"].values[kept][::10], position[kept][::10]
@@ -79,8 +78,8 @@ def align(aligned: xr.Dataset, pointed: xr.Dataset, equations: xr.Dataset, *, no
         "smoothed_band": bands[1],
         "edge": EDGES_HZ,
         "segment": equations["segment"].values[quiet],
-        "range": distance[here],
-        "range_rate": np.gradient(distance, all_at)[here],
+        "range": aligned["reading_range"].values[here],
+        "range_rate": aligned["reading_range_rate"].values[here],
         "argument": np.interp(at, orbit, argument),
         "warmth": orbit_environment.warmth(at, orbit, position),
         "late": late,

@@ -118,9 +118,8 @@ def test_momentary_readings_place_edges_that_change_sides():
     """Recovery: tags of 0.09998 s, so that edges fall after a sample first and before it later; residuals are noise."""
     edges, dipole = 100.033 + 6.0 * np.arange(31), np.zeros((30, 3))
     dipole[:, 1] = 27.5 * (-1.0) ** np.arange(30)
-    arc = attitude.Arc(
-        np.diag([110.0, 580.0, 650.0]), edges, dipole, np.zeros(0), np.zeros((0, 3)), origin=100.0, stop=281.0
-    )
+    body, none = np.diag([110.0, 580.0, 650.0]), (np.zeros(0), np.zeros((0, 3)))
+    arc = attitude.Arc(body, edges, dipole, *none, origin=100.0, stop=281.0)
     time, field_b = 95 + 0.09998 * np.arange(1910), np.tile([5e-6, 1e-6, -4e-5], (1910, 1))
     noise = 1e-8 * np.random.default_rng(7).standard_normal((1910, 3))
 

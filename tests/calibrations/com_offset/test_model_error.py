@@ -33,9 +33,8 @@ parameters.rod_y = { value = 0.3, sigma = 0.03, unit = "1" }
 def test_errors_that_are_none_are_refused(wrong):
     """Bad input: file, parameter, what was found, what is expected."""
     text = '[[effect]]\ncause = "torque.dipole_gain"\nparameters.rod_z = { value = 0.1, unit = "1", '
-    with pytest.raises(
-        CatalogError, match=r"model\.toml: effect\.0\.parameters\.rod_z\.(sigma|correlation\.rod_x): found "
-    ):
+    where = r"model\.toml: effect\.0\.parameters\.rod_z\.(sigma|correlation\.rod_x): found "
+    with pytest.raises(CatalogError, match=where):
         calibration.moved_models(read(f"{text}{wrong} }}"))
 
 

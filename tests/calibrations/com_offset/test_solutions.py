@@ -38,9 +38,8 @@ def test_each_manoeuvre_determines_what_it_turns_and_quiet_noise_is_that_of_the_
     for axis, letter in enumerate("xyz"):
         table = getattr(chosen, f"linear_noise_{letter}")
         expected = table_density(chosen.noise_frequency_hz, np.array(table))(frequency[band])
-        assert np.mean(measured["density"].values[axis, band] / expected) == pytest.approx(
-            1.0, abs=0.25
-        )  # the operator weakens the upper end
+        ratio = np.mean(measured["density"].values[axis, band] / expected)
+        assert ratio == pytest.approx(1.0, abs=0.25)  # the operator weakens the upper end
 
 
 def test_the_offset_follows_the_reading_and_no_bias_or_trend(made):
@@ -74,13 +73,8 @@ def test_noise_that_is_louder_at_one_manoeuvre_weakens_it(made):
     assert_allclose(both[0]["level"], 1.0, atol=0.1)
     level = both[1]["level"].values
     assert_allclose(level[1] / level[[0, 2]], 1.5, rtol=0.1)
-    about = products["angular_acceleration"]["mtq"]
-    weight = [
-        np.trace(
-            tools.solution(products["align"], products["attitude"], about, one, chosen)["information"].values, 0, 1, 2
-        )
-        for one in both
-    ]
+    about = products["align"], products["attitude"], products["angular_acceleration"]["mtq"]
+    weight = [np.trace(tools.solution(*about, one, chosen)["information"].values, 0, 1, 2) for one in both]
     ratio = weight[1] / weight[0]
     assert_allclose(ratio[1] / ratio[[0, 2]], 1 / 1.5**2, rtol=0.2)
 
@@ -122,9 +116,8 @@ def test_the_combination_is_the_mean_weighted_with_full_matrices():
     shift = np.broadcast_to(np.array([[[2e-6, 0, 0], [0, 1e-6, 0]]]), (3, 2, 3)).copy()
     combined = four(lambda v: solved(v, offsets, information, shift))
     total = np.linalg.inv(information.sum(axis=0))
-    assert_allclose(
-        combined["offset"].values[0], total @ np.matvec(information, offsets).sum(axis=0), rtol=1e-4
-    )  # prior of mm
+    expected = total @ np.matvec(information, offsets).sum(axis=0)
+    assert_allclose(combined["offset"].values[0], expected, rtol=1e-4)  # prior of mm
     assert_allclose(combined["covariance"].values[0], total, rtol=1e-4, atol=1e-16)
     assert_allclose(combined["covariance_total"].values[0], total + np.diag([4e-12, 1e-12, 0]), rtol=1e-4, atol=1e-16)
     moved = np.array([[0.0, 0, 0], [1e-5, 0, 0], [0, 0, 0]])

@@ -71,8 +71,10 @@ def test_what_contradicts_itself_is_an_error_or_questionable(copied, name):
 
 @pytest.mark.parametrize(("sensors", "checks"), [(1, 12), (2, 16)])
 def test_a_clean_day_keeps_to_every_check(copied, sensors, checks):
-    """Recovery: delivered, every check there and none failed."""
-    document, _ = run("gradient_torque", copied(sensors), **QUICK)
+    """Recovery: delivered, every check there and none failed, of an attitude in six digits too."""
+    folder = copied(sensors)
+    netcdf(next(folder.glob("SGRS*")), ["q"], lambda values: [np.round(values, 6)])
+    document, _ = run("gradient_torque", folder, **QUICK)
     assert document["status"] == "delivered"
     assert [one["passed"] for one in document["checks"]] == [True] * checks
 
