@@ -21,7 +21,7 @@ from gravcal.browse import store_index, timeline
 from gravcal.discovery import design
 from gravcal.effects import effect
 from gravcal.errors import GravcalError, refuse
-from gravcal.store import configurations, store
+from gravcal.store import configurations, schemas, store
 from gravcal.store.product import MEASURED
 from tasks import discovery
 from tasks.stage import read
@@ -67,7 +67,8 @@ def designed(name, satellite, date, *, causes=(), minutes=None, limits=None, ver
             old = place.published(causes)
         else:
             plan, new, old = place.best(minutes or usual, causes)
-        document = {
+        head = {"schema_version": schemas.VERSION, "status": "delivered", "origin": "simulated"}  # of every document
+        document = head | {
             "calibration": name,
             "satellite": satellite,
             "date": date,
@@ -156,7 +157,7 @@ class Place:
     def of_library(self, minutes, causes):
         """(loss, plan, `judged` by the seeds `JUDGES`) of the best manoeuvres of a library, minutes in all."""
         limits = self.limits
-        count = round(minutes * 60 / limits["duration_s"])
+        count = int(minutes * 60 / limits["duration_s"])
         if count < 1:
             expected = f"at least one manoeuvre of {limits['duration_s']} s"
             refuse("--budget", f"{minutes} minutes", expected, "Give more.")
@@ -166,12 +167,11 @@ class Place:
         for seed in (*range(1, 1 + FLIGHTS), *JUDGES):
             self.say(f"flight {seed} of {JUDGES[-1]}: {len(tables)} manoeuvres to choose from")
             flights.append(self.flown(f"library-{limits['period_s']}-{seed}", tables, seed, causes))
-        allowed, wanted = np.full(len(tables), int(limits["most"])), design.needed(limits["probability"], tied)
+        most, wanted = np.full(len(tables), int(limits["most"])), design.needed(limits["probability"], tied)
         day = (datetime.fromisoformat(self.date) - calibrations.EPOCH).total_seconds()
         parameters = catalog.parameters(f"simulate_{self.one.name}").with_settings(self.settings("library", tables))
         share = self.one.planning.room(catalog.satellite(self.satellite).settings(), parameters, day)
-        has_room = lambda counts: share(counts) >= ROOM  # noqa: E731
-        counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, allowed, pairs, wanted, has_room)
+        counts = design.chosen(design.pooled(flights[:FLIGHTS]), count, most, pairs, wanted, lambda n: share(n) >= ROOM)
         plan = [t | {"count": int(n)} for t, n in zip(tables, counts, strict=True) if n]
         chosen_by, verdict = (self.judged(some, counts, causes) for some in (flights[:FLIGHTS], flights[FLIGHTS:]))
         return self.loss(chosen_by), plan, verdict

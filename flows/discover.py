@@ -92,7 +92,7 @@ def searched(one: Calibration | Study, source, chosen, shown: bool = False):
             without = discovery.extend_by(search, *products.values(), variant=variant, tentative=True, **extended)
             again = spec.built(source, chosen, without)
         search = discovery.search_again(search, *again.values(), variant=following, **searched)
-    inputs += again.values() if spec.again else ()
+        inputs += again.values()
     search = discovery.limits(search, *inputs, variant="limits", **searched) if shown else search
     return search, records, products
 
@@ -168,13 +168,12 @@ def owner(one, satellite):
 
 def history(one, letter):
     """{"trims", "printed"}: lists of dicts of a satellite's mass trims (um) and printed values (time in GPS s)."""
-    seconds = lambda day: (day - timeline.EPOCH).total_seconds()  # noqa: E731
     trims = [
         {"date": str(t.date), "axis": t.axis, "size": t.trim_um, "confirmed": t.confirmed}
         for t in (timeline.trims(letter) if one.trims else ())
     ]
     printed = [
-        {"time": seconds(p.date), "parameter": p.panel, "value": p.value, "sigma": p.sigma}
+        {"time": (p.date - timeline.EPOCH).total_seconds(), "parameter": p.panel, "value": p.value, "sigma": p.sigma}
         for p in timeline.printed_points(one, letter)
     ]
     return {"trims": trims, "printed": printed}

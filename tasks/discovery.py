@@ -29,13 +29,13 @@ ANY_PRODUCT, RESULTS = ["*"], ["*.discovery", "*.combine|*.drag"]
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=35, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=36, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """Causes of what the model of an event leaves unexplained."""
     return driver.discover(observations_of(products, observations, names, settings), _limits(limits))
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=35, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=36, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """Search repeated in records less the findings of a ``first`` one, where their effects are large."""
     observed = observations_of(products, observations, names, settings)
@@ -46,13 +46,13 @@ def _limits(settings):  # driver.Limits of the settings `LIMITS`
     return driver.Limits(*(settings[name] for name in LIMITS))
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=2, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=3, also=["{observations}"])
 def limits(searched, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """Search with detection limits: the size from which each effect of the catalogue would have been named.
 
-    After the products of the first search come those of the second, if there was one.
+    After the products of the first search come those of each that followed.
     """
-    latest = products[-len(names) :] if "rebuilt" in searched.attrs else products[: len(names)]
+    latest = products[int(searched.attrs.get("rebuilt", 0)) * len(names) :][: len(names)]
     say = lambda text: sys.stderr.write(f"{text}\n")  # noqa: E731
     return driver.with_limits(searched, observations_of(latest, observations, names, settings), _limits(limits), say)
 
@@ -72,7 +72,7 @@ def extend_by(searched, *products, records, observations, names, settings, tenta
     return _without(observations_of(products, observations, names, settings), products, records, names, model)
 
 
-@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=11, also=["{observations}"])
+@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=12, also=["{observations}"])
 def report(searched, *combined, calibration, observations, event, satellite, settings, records):
     """Document, page and extended model of a search; combined: results before, after, before with the initial model."""
     named = {"calibration": calibration, "event": event, "satellite": satellite, "records": records}
@@ -80,14 +80,14 @@ def report(searched, *combined, calibration, observations, event, satellite, set
     return report_science.report(searched, *combined, settings=settings, reported=reported, **named)
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=7, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.evidence", version=8, also=["{observations}"])
 def evidence(*products, calibration, observations, names, settings):  # noqa: ARG001 - it names the product
     """Gram matrix of an event (whitened residual, parameters, listed causes) for a joint search; housekeeping last."""
     observed = observations_of(products[: len(names)], observations, names, settings)
     return evidence_science.evidence(observed, *products[len(names) :])
 
 
-@stage(reads=["*.evidence"], writes="{calibration}.joint", version=4)
+@stage(reads=["*.evidence"], writes="{calibration}.joint", version=5)
 def joint(*products, calibration, event, satellite, events, history, settings, **limits):
     """Joint search: causes that events share, the calibration's values in each and their motion; page and model."""
     pooled = joint_science.Search(evidence_science.events_of(products, events), *(limits[name] for name in LIMITS[:3]))

@@ -74,14 +74,14 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
             f"{8 * BANDS} on one axis, and the model takes up every candidate. Give a longer record.",
             readings=count,
         )
-    least = np.min(families, axis=0)
+    least = np.exp(_ranked(np.min(families, axis=0))[0])
     kept = [scan.Scan(s.kind, s.channel, s.place, s.at, s.gain[:, :1].copy(), s.dof) for s in scans]  # no views
     order = sorted(zip(unlikely, excesses, strict=True), key=lambda pair: pair[0][0])
     certain = [one for log_p, one in order if log_p[0] < CERTAIN]
     excess = max(certain, key=lambda one: one.score, default=order[0][1] if order else None)
-    excess_p = _rank(np.min(unlikely, axis=0)) if excesses else 1.0
-    quiet = 1.0 if quiet is None else _rank(quiet)
-    return Test(_rank(least), rows, kept, [r[:, 0].copy() for r in residuals], quiet, excess, excess_p)
+    excess_p = float(np.exp(_ranked(np.min(unlikely, axis=0))[0])) if excesses else 1.0
+    quiet = 1.0 if quiet is None else float(np.exp(_ranked(quiet)[0]))
+    return Test(float(least), rows, kept, [r[:, 0].copy() for r in residuals], quiet, excess, excess_p)
 
 
 def without_outliers(problem: Problem, order: Mapping[str, int]) -> tuple[Problem, list[Outlier]]:
@@ -172,11 +172,6 @@ def _steps_about(block, steps, row):
             source, target = samples[max(-shift, 0) : samples.size - max(shift, 0)], samples[max(shift, 0) :]
             moved[k, target[: source.size]] = steps[epoch][source]
         yield from (np.concatenate(moved[k : k + 2], axis=1) for k in range(3))
-
-
-def _rank(log_p):
-    """P-value of the first of log p-values (1 + d,) among the others, which are of noise."""
-    return float(np.exp(_ranked(log_p)[0]))
 
 
 def _ranked(log_p):

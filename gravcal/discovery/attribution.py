@@ -170,12 +170,10 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
         if not candidate.listed or "alone" in candidate.form or candidate.local or not candidate.prior:
             continue
         prior = np.asarray(candidate.prior)
-        full, remaining = (matrix[place, place] * np.outer(prior, prior) for matrix in (total, gram))
+        known, vectors, real = directions(problem, gram, place, prior, ROUNDING)
         shift = (inverse @ total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
-        values, vectors = np.linalg.eigh(remaining)
-        for value, vector in zip(values, vectors.T, strict=True):
+        for information, vector in zip(np.where(real, known, 0.0), vectors.T, strict=True):
             bias = shift @ vector
-            information = value if value > ROUNDING * (vector @ full @ vector) else 0.0
             ratio, size = float(np.sqrt(information)), float(np.sqrt(bias @ precision @ bias))
             if ratio < UNSEEN and size > BIAS:
                 shares = zip(candidate.names, vector.tolist(), strict=True)
@@ -184,19 +182,27 @@ def beside_calibration(problem: Problem, baseline: np.ndarray, scale: np.ndarray
     return rows
 
 
+def directions(problem: Problem, gram: np.ndarray, place: slice, prior: np.ndarray, least: float = SEEN**2):
+    """Information (q,) along directions (q, q) of a candidate over its prior; True (q,) if over `least` is left."""
+    full, remaining = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
+    information, vectors = np.linalg.eigh(remaining)
+    return information, vectors, information > least * np.einsum("qk,qr,rk->k", vectors, full, vectors)
+
+
 def separation(problem: Problem, baseline: np.ndarray, index: int, other: int, tie: float) -> Separation:
     """Separation of a cause, true at its fitted value, from another by these data: reached at a chi-square of tie."""
     total = problem.total
     gram = projected(total, baseline)
     true, place = problem.places[index], problem.places[other]
-    value = ratio(gram, true, problem.size).value
+    fitted = ratio(gram, true, problem.size)
+    value = fitted.value
     fixed = np.concatenate([baseline, np.arange(place.start, place.stop)])
     signature = total[fixed][:, true] @ value
     combination = np.zeros(total.shape[0])
     combination[true] = value
     combination[fixed] -= inverse_of(total[np.ix_(fixed, fixed)]) @ signature
     parts = np.einsum("m,bmk,k->b", combination, problem.gram, combination)
-    expected = float(max(parts.sum(), 0.0))
+    expected = float(max(parts.sum() - fitted.dof, 0.0))  # less the noise that the value holds
     needed = int(np.ceil(tie / expected)) if expected > 1e-3 * tie else None
     best = problem.blocks[int(np.argmax(parts))].label if expected > 1e-6 else None
     return Separation(problem.candidates[other].cause, expected, best, needed)

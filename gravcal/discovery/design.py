@@ -76,7 +76,9 @@ def flown(observed: Observations, information, times: Sequence, items: Sequence[
 
 def _candidates(observed, causes):
     """Candidate with most parameters of each cause, in their order; refuses causes without plausible sizes."""
-    widest = {slug_of(one.cause): one for one in sorted(observed.candidates, key=lambda one: len(one.names))}
+    share = lambda one: one.shape.value[0] / one.prior[0] if one.shape and one.shape.sized else 1.0  # noqa: E731
+    ordered = sorted(observed.candidates, key=lambda one: (len(one.names), -abs(np.log(share(one)))))
+    widest = {slug_of(one.cause): one for one in ordered}
     for slug in causes:
         if slug not in widest or not len(widest[slug].prior):
             offered = ", ".join(sorted(name for name, one in widest.items() if len(one.prior)))

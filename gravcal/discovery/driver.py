@@ -80,7 +80,7 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
         return first.assign_attrs(believed="first")
     known = {"p_before": before.p_before, "p_quiet_before": before.p_quiet_before, "tried": before.tried}
     second_outcome = replace(second_outcome, adequate_before=before.adequate_before, **known)
-    return _product(observed, limits, result, second_outcome).assign_attrs(rebuilt="yes")
+    return _product(observed, limits, result, second_outcome).assign_attrs(rebuilt=first.attrs.get("rebuilt", 0) + 1)
 
 
 def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:

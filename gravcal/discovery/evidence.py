@@ -66,8 +66,9 @@ def evidence(observed: Observations | None, *housekeeping: xr.Dataset) -> xr.Dat
     problem, count = prepare(blocks, listed), len(observed.parameters)
     nuisance = np.arange(1 + count, problem.shared.stop)
     kept = np.setdiff1d(np.arange(problem.total.shape[0]), nuisance)
-    gram = attribution.projected(problem.total, nuisance)[np.ix_(kept, kept)]
-    time = np.concatenate([block.time for block in observed.blocks])
+    data = [one.channel[0] != "prior" for one in problem.blocks]  # known before: once, not once an event
+    gram = attribution.projected(problem.gram[data].sum(axis=0), nuisance)[np.ix_(kept, kept)]
+    time = np.concatenate([one.time for one in observed.blocks if one.channel[0] not in ("timing", "prior")])
     measured = {"year": float(np.median(time)) / YEAR_S} | observed.circumstances
     sized = [(one, [*map(float, one.prior)], observed.shared.get(one.cause, 0.0)) for one in listed]
     numbers = {

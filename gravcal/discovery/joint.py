@@ -35,9 +35,7 @@ class Law:
     """How the values of a cause vary over n events: weights (n, k) times k sets of its q parameters."""
 
     cause: int  #: index in `Search.causes`
-    scope: (
-        str  #: "constant", "epochs", "event", "each", measured quantity that it follows, "shared": error of all events
-    )
+    scope: str  #: "constant", "epochs", "event", "each", a quantity that it follows, "shared": error of all events
     weights: np.ndarray  #: (n, k); (n, 0) of "each"
     labels: Sequence[str]  #: (k,) events, or unit of the quantity, that each set of values holds for
     odds: float = 0.0  #: twice the log prior odds of the law among those of its scope
@@ -434,11 +432,11 @@ class Search:
         ]
 
     def plain(self, law: Law) -> Law:
-        """The law without separate values of single events, which take its first set instead."""
+        """The law without separate values of single events, which take those of the nearest other event instead."""
         kept = [k for k, label in enumerate(law.labels) if not label.endswith(ALONE)]
-        weights, places = law.weights[:, kept].copy(), [one.name in _alone(law) for one in self.events]
-        weights[places, 0] = 1.0
-        return replace(law, weights=weights, labels=[law.labels[k] for k in kept])
+        others = np.flatnonzero([one.name not in _alone(law) for one in self.events])
+        nearest = others[np.abs(np.arange(len(self.events))[:, None] - others).argmin(axis=1)]
+        return replace(law, weights=law.weights[nearest][:, kept], labels=[law.labels[k] for k in kept])
 
     def _ties(self, one: Named, others):
         """[Tie] of a named cause with the others that are not clearly different, least expected chi-square first."""

@@ -32,9 +32,7 @@ def detection_limits(observed: Observations, left: list, choice: Choice, say: Ca
     are None where it would not be named at any S/N up to 60, or is not observable; `say` is called with progress.
     """
     blocks, rng = [], np.random.default_rng(len(observed.candidates))
-    for block, part in zip(
-        observed.blocks, left, strict=True
-    ):  # a row of which nothing is left had a column of its own
+    for block, part in zip(observed.blocks, left, strict=True):
         alone = np.flatnonzero((np.abs(part[:, 0]) < GONE) & (np.abs(block.observed) > GONE))
         own = (np.arange(block.observed.size)[:, None] == alone).astype(float)
         wider, own = np.column_stack([block.global_columns, part[:, 1:]]), np.column_stack([block.local_columns, own])
@@ -93,12 +91,12 @@ class _Scored:
         factors = [attribution.spread(self.gram, place, problem.size) for place in problem.places]
         self.kept = [k for k, factor in enumerate(factors) if factor.shape[0]]
         self.dof = np.array([factors[k].shape[0] for k in self.kept])
-        self.starts = np.cumsum([0, *self.dof[:-1]])
+        self.starts = np.cumsum([0, *self.dof])[:-1]
         self.factor = np.zeros((int(self.dof.sum()), problem.size.size))  # `attribution.spread`, stacked
         for k, first, count in zip(self.kept, self.starts, self.dof, strict=True):
             self.factor[first : first + count, problem.places[k]] = factors[k]
         self.causes = np.array([slug_of(problem.candidates[k].cause) for k in self.kept])
-        self.listed = np.array([problem.candidates[k].listed for k in self.kept])
+        self.listed = np.array([problem.candidates[k].listed for k in self.kept], dtype=bool)
         count = np.where(self.listed, self.listed.sum(), (~self.listed).sum())
         share = np.where(self.listed, trials.SHARES["listed"], trials.SHARES["unknown"])
         self.limit = np.log(choice.level * share / count)  # log p-value that each has to pass
@@ -151,15 +149,15 @@ def _row(scored, index, column, scale):
     alone = max(_from(np.array(each)) for each in single)
     near = slice(max(min(at, RATIOS.size) - 2, 0), min(at, RATIOS.size) + 1)
     confused = sorted({c for one in sets for some in one[near] for c in some} - {cause})
-    size, ratio = (float(RATIOS[at] * unit), float(RATIOS[at])) if at < RATIOS.size else (None, None)
-    untied = float(RATIOS[alone] * unit) if alone < RATIOS.size else None
+    least = float(candidate.shape.value[0]) if candidate.shape and candidate.shape.sized else 0.0  # of a form
+    size, untied = (max(float(RATIOS[k] * unit), least) if k < RATIOS.size else None for k in (at, alone))
     missed_size = RATIOS[max(min(at, RATIOS.size) - 1, 0)] * unit if named else prior
     if missed_size is not None and scale.size:
         shift = scored.shift[: scale.size, place] * missed_size
         precision = np.linalg.pinv(scored.covariance[: scale.size, : scale.size], hermitian=True)
         bias, bias_in_sigma = (scale * shift).tolist(), float(np.sqrt(max(shift @ precision @ shift, 0.0)))
     words = cause, candidate.form, candidate.names[column], candidate.units[column]
-    return Limit(*words, prior, size, ratio, None, untied, confused, bias, bias_in_sigma)
+    return Limit(*words, prior, size, size and size / unit, None, untied, confused, bias, bias_in_sigma)
 
 
 def _from(right):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from gravcal.discovery import attribution, trials
-from gravcal.discovery.attribution import ROUNDING, SEEN, UNSEEN
+from gravcal.discovery.attribution import ROUNDING, UNSEEN
 from gravcal.discovery.problem import baseline_of, best_fit, inverse_of, inverse_of_baseline
 from gravcal.discovery.rounds import Choice, Result
 from gravcal.estimation import chi2_tail
@@ -165,7 +165,7 @@ def _evidence(problem, gram, index):
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
     if prior.size == place.stop - place.start:
-        information, vectors, real = _directions(problem, gram, place, prior)
+        information, vectors, real = attribution.directions(problem, gram, place, prior)
         information, right = information[real], ((vectors.T @ (prior * gram[place, 0])) ** 2)[real]
         widened = 1 + np.outer(BEYOND**2, information)
         score = np.sum(BEYOND[:, None] ** 2 * right / widened - np.log(widened), axis=1) + 2 * np.log(ODDS)
@@ -211,7 +211,7 @@ def _unseen(problem, gram, baseline, index, width, sized):
     """
     place, prior = problem.places[index], np.asarray(problem.candidates[index].prior)
     inverse = inverse_of_baseline(problem, baseline)
-    known, vectors, real = _directions(problem, gram, place, prior, ROUNDING)
+    known, vectors, real = attribution.directions(problem, gram, place, prior, ROUNDING)
     hidden = known < UNSEEN**2
     square, share = sized(known[~hidden], (vectors.T @ (prior * gram[place, 0]))[~hidden] ** 2 / known[~hidden])
     sensitivity = (inverse @ problem.total[np.ix_(baseline, np.arange(place.start, place.stop))])[:width] * prior
@@ -235,18 +235,11 @@ def _with(problem, baseline, index, size):
     if len(prior) != place.stop - place.start:
         return inverse_of_baseline(problem, fixed) @ problem.total[fixed, 0]
     gram = attribution.projected(problem.total, baseline)
-    information, vectors, real = _directions(problem, gram, place, prior)
+    information, vectors, real = attribution.directions(problem, gram, place, prior)
     vectors = prior[:, None] * vectors[:, real]
     value = vectors @ ((vectors.T @ gram[place, 0]) / (1 + information[real]))
     right = problem.total[baseline, 0] - problem.total[np.ix_(baseline, fixed[baseline.size :])] @ value
     return inverse_of_baseline(problem, baseline) @ right
-
-
-def _directions(problem, gram, place, prior, least=SEEN**2):
-    """Information (q,) along directions (q, q) of a candidate over its prior; True (q,) if over `least` is left."""
-    full, remaining = (matrix[place, place] * np.outer(prior, prior) for matrix in (problem.total, gram))
-    information, vectors = np.linalg.eigh(remaining)
-    return information, vectors, information > least * np.einsum("qk,qr,rk->k", vectors, full, vectors)
 
 
 def named_parameters(result: Result, position: int) -> dict[str, Parameter]:

@@ -133,9 +133,7 @@ def line_gains(problem: Problem, baseline: np.ndarray, rest: list[np.ndarray], c
             cross = waves(columns[:, nonzero])
             part = (cross.reshape(2 * grid.size, nonzero.size) @ inverse[np.ix_(nonzero, nonzero)]).reshape(cross.shape)
             inner, right = gram - part @ cross.swapaxes(1, 2), waves(rest[i][rows])
-            a, b, c = (inner[:, i, j, None] for i, j in ((0, 0), (0, 1), (1, 1)))
-            quadratic = c * right[:, 0] ** 2 - 2 * b * right[:, 0] * right[:, 1] + a * right[:, 1] ** 2
-            gain[axis] += quadratic / (a * c - b**2)
+            gain[axis] += np.sum(right * np.linalg.solve(inner, right), axis=1)
             dof[axis] += 2
     gain[3], dof[3] = gain[:3].sum(axis=0), dof[:3].sum(axis=0)
     return gain, dof

@@ -433,7 +433,7 @@ def sized(problem: Problem, baseline: np.ndarray, rows: list) -> tuple[Problem, 
     parts, form = settled.columns(value, *chosen), _form(settled, value)
     problem = extended(problem, replace(candidate, form=form, columns=parts, shape=settled))
     ratio = attribution.ratio(attribution.projected(problem.total, baseline), problem.places[index], problem.size)
-    numbers = {"gain": ratio.gain, "log_p": ratio.log_p, "form": form}
+    numbers = {"gain": ratio.gain, "form": form}
     return problem, [*(t for t in rows if t not in sized_trials), best._replace(index=index, **numbers)]
 
 

@@ -62,8 +62,8 @@ class Effect:
     linear: bool = True  #: the contribution is proportional to the parameters
 
     def plausible(self, share: Callable[[], float]) -> dict[str, float]:
-        """{name: value} of `share()` times the prior sigma of each parameter; those in `USUAL` have that value."""
-        sizes = ((p.name, float(p.prior_sigma * share())) for p in self.parameters)
+        """{name: value}: neutral plus `share()` times the prior sigma, or that of `USUAL`."""
+        sizes = ((p.name, float(p.neutral + p.prior_sigma * share())) for p in self.parameters)
         return {name: USUAL.get(name, size) for name, size in sizes}
 
     def values(self, numbers: Mapping[str, float]) -> np.ndarray:

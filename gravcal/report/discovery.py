@@ -72,7 +72,11 @@ def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: s
     """
     outcome, body, checks = outcome_of(search), {}, []
     if outcome:
-        joint = change = outcome.calibration_change
+        joint = outcome.calibration_change
+        known = [bool(a and b) for a, b in zip(joint.sigma_before, joint.sigma_after, strict=True)]  # by these rows
+        numbers = ("before", "sigma_before", "after", "sigma_after", "change", "change_in_old_sigma")
+        numbers = {n: [v if k else None for v, k in zip(vars(joint)[n], known, strict=True)] for n in numbers}
+        joint = change = replace(joint, **numbers)
         if combined:
             name, old, covariance = reported.result(combined[0])
             (_, new, new_covariance), *modelled = (reported.result(one, name) for one in combined[1:])
@@ -80,6 +84,7 @@ def judged(search: xr.Dataset, *combined: xr.Dataset, calibration: str, event: s
             correction = start - old + np.array(joint.correction, dtype=float)
             added = spread - covariance + np.array(joint.covariance_of_findings, dtype=float)
             old, new, sigma = start, new + correction, [np.sqrt(np.diag(c)) for c in (spread, new_covariance + added)]
+            sigma = [one + 0 * value for one, value in zip(sigma, (old, new), strict=True)]  # NaN: not determined
             own = {"before": old, "sigma_before": sigma[0], "after": new, "sigma_after": sigma[1], "change": new - old}
             own |= {"change_in_old_sigma": (new - old) / sigma[0], "correction": correction}
             own |= {"covariance_of_findings": added}

@@ -127,7 +127,7 @@ def _cause(search, one) -> dict:
             for event, own in zip(search.events, of_event, strict=True)
         ],
         "repeats": {
-            "said": one.law.scope == "constant",
+            "said": one.law.scope == "constant" and len(one.law.labels) == 1,
             "chi2": chi2,
             "dof": dof,
             "p": float(np.exp(chi2_tail.log_tail(chi2, dof))) if dof else None,
@@ -193,16 +193,24 @@ def model_text(document, search, result) -> str:
 
 
 def _spans(search, law):
-    """[(first day, day after last, "" if open; weights (1, k))] of spans of equal values of a Law, [] for "each"."""
-    weights, days = law.weights, [day(one.time) for one in search.events]
-    if law.scope not in ("constant", "epochs", "event"):  # it follows what was measured: event by event
-        after = [str(datetime.date.fromisoformat(d) + datetime.timedelta(1)) for d in days]
-        return [(a, b, w[None]) for a, b, w in zip(days, after, weights, strict=True) if w.any()]
+    """[(first day, day after last, "" if open; weights (1, k))] of spans of equal values of a Law, [] for "each".
+
+    A span begins after the last day of that before. What holds for one event alone has its day, also beside others.
+    """
+    days = [(day(one.time), day(one.time + 86400.0)) for one in search.events]
+    if law.scope not in ("constant", "epochs"):  # it follows what was measured: event by event
+        return [(*d, w[None]) for d, w in zip(days, law.weights, strict=True) if w.any()]
+    plain = search.plain(law).weights
+    weights = np.pad(plain, [(0, 0), (0, law.weights.shape[1] - plain.shape[1])])  # sets of single events are last
     cuts = [0, *(np.flatnonzero(np.any(np.diff(weights, axis=0), axis=1)) + 1), len(days)]
-    times = [one.time for one in search.events]  # a span begins after the last day of the one before
-    middles = [max(day((times[k - 1] + times[k]) / 2), day(times[k - 1] + 86400.0)) for k in cuts[1:-1]]
+    middles = [max(day((search.events[k - 1].time + search.events[k].time) / 2), days[k - 1][1]) for k in cuts[1:-1]]
     bounds = ["", *middles, ""]
-    spans = zip(bounds[:-1], bounds[1:], (weights[k][None] for k in cuts[:-1]), strict=True)
+    spans = list(zip(bounds[:-1], bounds[1:], (weights[k][None] for k in cuts[:-1]), strict=True))
+    for (first, last), own, other in zip(days, law.weights, weights, strict=True):
+        if (own != other).any():
+            before = [(a, min(b or first, first), w) for a, b, w in spans if a < first]
+            after = [(max(a, last), b, w) for a, b, w in spans if not b or last < b]
+            spans = [*before, (first, last, own[None]), *after]
     return [span for span in spans if span[2].any()]
 
 
@@ -247,7 +255,8 @@ def shared(documents: Sequence[dict]) -> list[str]:
         for (a, value, spread), (b, known, error) in itertools.product(_values(one), _values(other)):
             names = {a["cause"], *a["tied_with"]} & {b["cause"], *b["tied_with"]}
             text = f"{one['satellite']} and {other['satellite']}: {', '.join(map(words.title, sorted(names)))} in both"
-            if a["cause"] == b["cause"] and a["form"] == b["form"] and value.size == known.size:
+            laws = [(one["cause"], one["form"], [v["of"] for v in one["values"]]) for one in (a, b)]
+            if laws[0] == laws[1]:
                 difference = value - known
                 chi2 = float(difference @ np.linalg.solve(spread + error, difference))
                 p_value = float(np.exp(chi2_tail.log_tail(chi2, difference.size)))

@@ -262,9 +262,8 @@ def test_a_small_library_gives_a_plan_that_is_flown(tmp_path, monkeypatch):
     monkeypatch.setattr(flow, "JUDGES", range(2, 3))
     limits = flow.constraints("com_offset") | {"rods": ["x", "y"], "latitude_deg": [50.0, 80.0]}
     causes = "torque.dipole_gain", "accelerometer.angular_current_leak"
-    made = flow.designed(
-        "com_offset", "C", "2026-03-01", minutes=9.0, limits=limits, causes=causes, verify=1, out=tmp_path
-    )
+    how = {"minutes": 10.6, "limits": limits, "causes": causes, "verify": 1, "out": tmp_path}
+    made = flow.designed("com_offset", "C", "2026-03-01", **how)
     (odds,), (flown,) = made["design"]["separated"], made["verified"]["separated"]
     assert odds["odds"] > 0.99
     assert flown == {"causes": list(causes), "flights": 1, "separated": 1, "falsely": 0}

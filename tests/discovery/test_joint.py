@@ -154,6 +154,10 @@ def test_the_model_of_a_satellite_says_when_it_holds(rng, tmp_path):
     about = {"history": {"trims": [], "printed": []}, "settings": {"configuration": "operational", "left_out": {}}}
     about |= {"calibration": "com_offset", "event": "grace-c", "satellite": "C"}
     _, files = report.report(joint.Search(made, 0.005, 9.0, 4), products, **about)
+    contradicted = [replace(one, **offset) for one in events(rng, lambda k: theta(_4=-0.1 if k == 15 else 0.05))]
+    _, odd = report.report(joint.Search(contradicted, 0.005, 9.0, 4), products, **about)
+    spans = [(one.get("from"), one.get("to")) for one in tomllib.loads(odd["satellite_model.toml"])["effect"]]
+    assert spans == [(None, "2020-08-15"), ("2020-08-15", "2020-08-16"), ("2020-08-16", None)]
     path = tmp_path / "satellite_model.toml"
     path.write_text(files["satellite_model.toml"].replace('unit = "1"', 'unit = "m s-2 A-1 m-2"'))
     assert len(tomllib.loads(path.read_text())["predicted"]) > 6

@@ -70,9 +70,8 @@ def test_a_hidden_effect_is_named_and_its_model_brings_the_calibration_back(rng,
         letters = extended["adopted"]["satellites"]
         value, sigma = (np.concatenate([letters[x][n] for x in "CD"]) for n in ("phase_centre_mm", "sigma_mm"))
         far += [*(np.abs(value - true_mm(truth)) / sigma)]
-        code, again = commands.document(
-            "discover", CALIBRATION, folder, "--model", model, "--set", "discovery_level=0.0001"
-        )
+        strict = "--set", "discovery_level=0.0001"
+        code, again = commands.document("discover", CALIBRATION, folder, "--model", model, *strict)
         rest = causes(again)  # the search begins with the model
         return None if better and max(far) < 5 and not rest else f"{slug}, seed {seed}: {far}, {rest}"
 

@@ -9,6 +9,7 @@ from scipy.signal import lfilter
 
 from gravcal.discovery.attribution import beside_calibration
 from gravcal.discovery.driver import Limits, discover, discover_again, summary
+from gravcal.discovery.evidence import evidence
 from gravcal.discovery.limits import detection_limits
 from gravcal.discovery.model_average import _evidence, _held, delivered, left_open
 from gravcal.discovery.problem import baseline_of, drawn_noise, prepare
@@ -273,9 +274,8 @@ def test_a_shape_is_fitted_between_the_grid_and_a_strong_wave_is_one_name():
     pairs = zip(blocks, slope, strict=True)
     blocks = [replace(b, global_columns=b.global_columns + s[:, None], observed=b.observed + s) for b, s in pairs]
     sigma = delivered(search(blocks, forms, CHOICE, np.random.default_rng(1)), CHOICE, 1).sigma[1][0]
-    whole = [
-        np.column_stack([b.global_columns, f, s]) for b, f, s in zip(blocks, forms[50].columns, slope, strict=True)
-    ]
+    rows = zip((b.global_columns for b in blocks), forms[50].columns, slope, strict=True)
+    whole = [np.column_stack(row) for row in rows]
     free, held = (np.linalg.inv(sum(w[:, :k].T @ w[:, :k] for w in whole))[0, 0] ** 0.5 for k in (3, 2))
     assert sigma == pytest.approx(free, rel=0.05)
     assert free > 1.2 * held
@@ -604,6 +604,16 @@ def test_of_causes_that_cancel_each_other_one_goes_and_two_lines_stay():
     line = Candidate("accelerometer.stray_tone", "0.1 Hz", ["cosine_0"], ["m s-2"], [np.ones((2, 1))] * 2, apart=True)
     chosen = [(0, None), (1, None)]
     assert merged(SimpleNamespace(candidates=[line, replace(line, form="0.2 Hz")]), chosen, None) == chosen
+
+
+def test_what_was_known_before_counts_once_and_not_in_every_event():
+    """Contract: the evidence of an event for a joint search holds its data alone, and the epochs of its readings."""
+    blocks, (first, *_) = made(np.random.default_rng(5))
+    first = replace(first, cause="accelerometer.scale", names=["x"], prior=[1.0], form="")
+    known = Block.of("known", np.ones(1), "prior", 0, np.full(1, 9e9), shared=np.full((1, 1), 30.0))
+    cases = (blocks, first), ([*blocks, known], replace(first, columns=[*first.columns, None]))
+    plain, held = (evidence(Invented(rows, [one])) for rows, one in cases)
+    assert np.allclose(held["gram"][1:, 1:], plain["gram"][1:, 1:], atol=1e-3)  # less other residuals
 
 
 def test_limits_say_from_which_size_an_effect_is_named_and_what_it_is_taken_for():
