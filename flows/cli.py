@@ -166,20 +166,19 @@ def plan(calibration, event, data, satellite, date, settings, model, as_, every,
 @command_of(app)
 def detect(calibration, event, data, satellite, date, settings, json, save) -> None:
     """Find the manoeuvres in the data of an event or folder."""
-    chosen = configurations.record(command.chosen(calibration, settings))
     source = command.source(calibration, event, data, satellite, date)
+    chosen = configurations.record(command.chosen(calibration, settings))
     document = command.detect(calibration, source, chosen)
     output.manoeuvres(document, json)
-    manoeuvres = document["manoeuvres"]
     if save:
         known = load(calibration)
         files = known.level_one_files(source)
         days = sorted(datetime.date.fromisoformat(file.date) for file in files)
         digests = {file.name: archive.file_digest(file.path, file.member) for file in files}
-        about = known.design, tuple(source.satellite), days[0], manoeuvres, digests, document["origin"]
+        about = known.design, tuple(source.satellite), days[0], document["manoeuvres"], digests, document["origin"]
         event = catalog.save_event(source.event, catalog.event_text(calibration, *about, last=days[-1]))
         output.say(f"stored as event {event.name}")
-    raise typer.Exit(0 if manoeuvres else 3)
+    raise typer.Exit(0 if document["manoeuvres"] else 3)
 
 
 @command_of(app)
@@ -196,6 +195,8 @@ def discover(
             raise typer.BadParameter("--joint: expected --satellite, that of the events, or those of both")
         _joint(calibration, satellite, data and [data], (settings, model, as_), events, str(engine), workers, out, json)
         return
+    if events or workers is not None:
+        raise typer.BadParameter("--events and --workers belong to --joint and --days")
     study = discoveries.STUDIES.get(calibration)
     if study is None:
         source, chosen = _prepared(calibration, event, data, satellite, date, settings, model, as_, json)
@@ -322,15 +323,15 @@ def campaign(
 @command_of(app)
 def fetch(event, out, satellite, date, place, part, release, dry, json) -> None:
     """Fetch the daily archives of an event or day; what broke off is resumed, what is there is kept."""
-    if (event is None) == (satellite is None or date is None) or (event and (satellite or date)):
-        raise typer.BadParameter("give an EVENT of the catalogue, or --satellite and --date")
+    if event is None and None in (satellite, date) or event and (satellite or date or release or part != "noLRI"):
+        raise typer.BadParameter("give an EVENT of the catalogue alone, or --satellite and --date")
     if not event and satellite not in ("A", "B", "AB", "C", "D", "CD"):
         raise typer.BadParameter(f"--satellite {satellite}: expected A, B, AB, C, D or CD")
     if event:
         archives = fetching.of_event(catalog.event(event))
     else:
-        day = datetime.date.fromisoformat(date)
-        archives = fetching.of_day(satellite, day, part.replace(" ", "").split(","), release)
+        parts = part.replace(" ", "").split(",")
+        archives = fetching.of_day(satellite, datetime.date.fromisoformat(date), parts, release)
     if dry:
         rows = [{"address": fetching.addresses(one, place)[0], "read": one.layout["read"]} for one in archives]
         if output.delivered(rows, json):
@@ -362,6 +363,7 @@ def reproduce(paper, out, place, data, simulated, json) -> None:
 def serve(calibration, cron, watched, every_s, data, satellite, settings, workers, joint, prune_days, quota_gb) -> None:
     """Run campaigns by the clock and as data arrive, on a Prefect server of its own, until it is ended."""
     command.chosen(calibration, settings)
+    command.check_satellite(calibration, satellite, [*(own := command.record(calibration).satellites), "".join(own)])
     for option, folder in (("--watch", watched), ("--data", data)):
         if folder is not None and not folder.is_dir():
             raise typer.BadParameter(f"{option} {folder}: found no folder, expected one with Level-1 files")

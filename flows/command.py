@@ -47,12 +47,12 @@ def chosen(calibration, settings, model=None, name=None):
 def configured(calibration, settings, model=None, name=None):
     """Parameters as of `chosen`, of anything with a file in catalog/parameters: also a simulation or a study."""
     values = pairs(settings)
-    if model is not None:
-        values["model"] = model_text(model)
+    if model or values.get("model"):
+        values["model"] = model_text(model or values["model"])
     try:
         return configurations.chosen(calibration, values, name)
     except CatalogError as error:
-        if settings and "configuration" not in error.facts:
+        if any(one in str(error) for one in pairs(settings)) and "configuration" not in error.facts:
             raise typer.BadParameter(f"--set: {error}") from error
         raise
 
@@ -79,11 +79,15 @@ def source(calibration, event, data, satellite, date):
     one = record(calibration)
     check_satellite(calibration, satellite, one.satellites)
     try:
-        return one.source(event=event, data=data, satellite=satellite, date=date)
+        made = one.source(event=event, data=data, satellite=satellite, date=date)
     except ProductError:
         if data is not None and data.is_dir():
             check_folder(calibration, data)
         raise
+    days, own = one.days(data) if data else (), [getattr(made, name, "") for name in ("satellite", "date")]
+    if len(folders := [str(folder) for folder, *day in days if day == own]) > 1:
+        refuse(data, f"this day in {' and '.join(folders)}", "it in one folder alone", "Give one of them as --data.")
+    return made
 
 
 def check_satellite(calibration, satellite, known):
@@ -213,13 +217,17 @@ def simulate(calibration, out, seed, truth, effects, settings):
         strengths = {name: float(value) for name, value in pairs(effects).items()}
     except ValueError as error:
         raise typer.BadParameter(f"--effect: {error}; expected SLUG.PARAMETER=NUMBER") from error
-    with output.progress(f"simulating {calibration}"):
-        return record(calibration).simulate(out, seed=seed, truth=truth, effects=strengths, settings=pairs(settings))
+    how = {"seed": seed, "truth": truth, "effects": strengths, "settings": pairs(settings)}
+    try:
+        with output.progress(f"simulating {calibration}"):
+            return record(calibration).simulate(out, **how)
+    except CatalogError as error:
+        raise typer.BadParameter(str(error)) from error
 
 
 def report_files(event, out, name=None):
     """Files of the last report of an event, operational or of an experiment, copied to a folder if one is given."""
-    links, latest = [*store.links("*/*.report"), *store.links("*/as/*/*.report")], location.folder() / "latest"
+    links, latest = [*store.links("*/*report"), *store.links("*/as/*/*report")], location.folder() / "latest"
     of_event = [(link, folder) for link, folder in links if link.parent == location.links(event, name)]
     reports = [(link, store.read_record(folder)) for link, folder in of_event if store.find(folder.name)]
     if not reports:

@@ -249,7 +249,8 @@ def design(document, out, json_path):
         heads = ["told apart", "chi2, design", "odds", "chi2, published", "odds"]
         table(heads + ["told apart in flights"] * bool(flown), rows)
     if out:
-        say(f"{out / 'plan.toml'}; fly it with gravcal simulate {document['calibration']} --design {out / 'plan.toml'}")
+        flight = f"simulate {document['calibration']} --design {out / 'plan.toml'} --set date={document['date']}"
+        say(f"{out / 'plan.toml'}; fly it with gravcal {flight}, and --set for satellite {document['satellite']}")
 
 
 def table(heads, rows):

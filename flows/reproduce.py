@@ -37,7 +37,7 @@ def reproduce(name, out, *, place="isdc", data=None, simulated=False, listener=N
     paper, one = papers()[name], command.record(name)
     is_simulated = simulated or not (paper["public"] or data)
     out.mkdir(parents=True, exist_ok=True)
-    folder = data or out / "data"
+    folder = out / "data" if is_simulated or not data else data
     if is_simulated:
         invent(name, folder, out / "dates", out)
     elif data is None:  # the days, without which it cannot be made, and those dates of its tables that there are

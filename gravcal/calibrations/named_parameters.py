@@ -9,27 +9,14 @@ from gravcal.estimation import least_squares
 from gravcal.estimation.chi2_tail import log_tail
 
 
-def solution(information: np.ndarray, right: np.ndarray, limit: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Solution (p,) and covariance (p, p) of the normal equations A'A (p, p), A'y (p,) of whitened rows.
-
-    NaN where the standard deviation of a parameter is beyond its limit (p,): the data do not determine it.
-    """
-    covariance = least_squares.covariance(information)
-    variance = np.diag(covariance)
-    undetermined = ~((variance > 0) & (variance <= limit**2))
-    value = np.where(undetermined, np.nan, least_squares.stable_inverse(information) @ right)
-    covariance[undetermined] = covariance[:, undetermined] = np.nan
-    return value, covariance
-
-
 def estimated(names, units, limit, information, right, starts, size=1.0) -> dict[str, object]:
     """{variable of a product of named parameters: value}, from normal equations (k, p, p), (k, p) of parts of a record.
 
     Parts begin at the starts (k,) GPS s; a parameter with a standard deviation above its limit (p,) is not determined.
     Equations and limit are for parameters in units of `size` (p,), which the values are multiplied by.
     """
-    value, covariance = solution(information.sum(axis=0), right.sum(axis=0), limit)
-    parts = [solution(*part, limit) for part in zip(information, right, strict=True)]
+    value, covariance = least_squares.solution(information.sum(axis=0), right.sum(axis=0), limit)
+    parts = [least_squares.solution(*part, limit) for part in zip(information, right, strict=True)]
     chi2, dof = agreement(information, right)
     return {
         "parameter": list(names),

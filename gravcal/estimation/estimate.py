@@ -7,7 +7,7 @@ import numpy as np
 from scipy.special import chdtrc
 
 from gravcal.errors import EstimationError
-from gravcal.estimation import least_squares
+from gravcal.estimation.least_squares import orthonormal, project_out, rank, solution, stable_inverse
 from gravcal.estimation.noise import NoiseModel, whiten
 
 ROUNDING = 1e-9  # of a column's norm, below which what the nuisance columns leave of it is zero
@@ -96,22 +96,22 @@ def estimate(
     for axis in range(series):
         valid = np.isfinite(observed[:, axis]) & np.isfinite(columns[:, axis]).all(axis=1)
         white = whiten(noise[axis], np.column_stack([observed[:, axis], columns[:, axis], nuisance]), valid)
-        clean = least_squares.project_out(white[:, 1 + len(names) :], white[:, : 1 + len(names)])
+        clean = project_out(white[:, 1 + len(names) :], white[:, : 1 + len(names)])
         rounding = ROUNDING * np.linalg.norm(white[:, 1 : 1 + len(names)], axis=0)
         clean[:, 1:][:, np.linalg.norm(clean[:, 1:], axis=0) < rounding] = 0.0  # a column that nuisance columns hold
         rows.append(clean)
         information = information + clean[:, 1:].T @ clean[:, 1:]
         right = right + clean[:, 1:].T @ clean[:, 0]
-        samples += int(valid.sum()) - least_squares.orthonormal(white[:, 1 + len(names) :]).shape[1]
-    if (dof := samples - least_squares.rank(information)) < 1:
+        samples += int(valid.sum()) - orthonormal(white[:, 1 + len(names) :]).shape[1]
+    if (dof := samples - rank(information)) < 1:
         raise EstimationError(
             f"found {samples} samples beyond the nuisance parameters, expected more than the {samples - dof} "
             f"parameters. Give a longer record."
         )
-    value, covariance, solution = _solved(information, right)
-    residual = np.column_stack([part[:, 0] - part[:, 1:] @ solution for part in rows])
+    least = stable_inverse(information) @ right
+    residual = np.column_stack([part[:, 0] - part[:, 1:] @ least for part in rows])
     chi2 = float(np.sum(residual**2))
-    return Estimate(tuple(names), unit, value, covariance, chi2, dof, information, right, residual)
+    return Estimate(tuple(names), unit, *solution(information, right), chi2, dof, information, right, residual)
 
 
 def together(*estimates: Estimate) -> Estimate:
@@ -123,20 +123,10 @@ def together(*estimates: Estimate) -> Estimate:
     if any((one.names, one.unit) != (first.names, first.unit) for one in estimates):
         raise EstimationError("found estimates of different parameters or units, expected the same.")
     information, right = (sum(getattr(one, name) for one in estimates) for name in ("information", "right"))
-    value, covariance, solution = _solved(information, right)
-    chi2 = 0.0
+    chi2, least = 0.0, stable_inverse(information) @ right
     for one in estimates:
-        moved = solution - least_squares.stable_inverse(one.information) @ one.right
+        moved = least - stable_inverse(one.information) @ one.right
         chi2 += one.chi2 + float(moved @ one.information @ moved)
-    dof = sum(one.dof + least_squares.rank(one.information) for one in estimates) - least_squares.rank(information)
+    dof = sum(one.dof + rank(one.information) for one in estimates) - rank(information)
     residual = np.concatenate([one.residual for one in estimates])
-    return Estimate(first.names, first.unit, value, covariance, chi2, dof, information, right, residual)
-
-
-def _solved(information, right):
-    """Values (p,) and covariance (p, p) of normal equations, NaN where not determined; the least solution (p,)."""
-    covariance = least_squares.covariance(information)
-    determined = np.isfinite(np.diag(covariance))
-    solution = least_squares.stable_inverse(information) @ right
-    covariance = np.where(determined[:, None] & determined, covariance, np.nan)
-    return np.where(determined, solution, np.nan), covariance, solution
+    return Estimate(first.names, first.unit, *solution(information, right), chi2, dof, information, right, residual)

@@ -132,6 +132,17 @@ def combine(scores: list[Score], own: list[np.ndarray], shared: list[np.ndarray]
     return Combination(value, covariance(total), response.T, chi2, dof, *parts)
 
 
+def solution(information: np.ndarray, right: np.ndarray, limit=np.inf) -> tuple[np.ndarray, np.ndarray]:
+    """Solution (p,) and covariance (p, p) of the normal equations A'A (p, p), A'y (p,) of whitened rows.
+
+    NaN where the standard deviation of a parameter is not below its limit (p,): the data do not determine it.
+    """
+    spread = covariance(information)
+    determined = (np.diag(spread) > 0) & (np.diag(spread) < np.square(limit))
+    spread = np.where(determined[:, None] & determined, spread, np.nan)
+    return np.where(determined, stable_inverse(information) @ right, np.nan), spread
+
+
 def weakening(information: np.ndarray, modes: np.ndarray) -> np.ndarray:
     """Factor W with W I = (I^-1 + M M')^-1 without inverting the information I (p, p); modes (k, p) are M'."""
     if not len(modes):

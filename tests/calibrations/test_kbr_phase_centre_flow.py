@@ -242,7 +242,7 @@ def test_results_are_held_against_the_catalogue_each_other_and_their_noise():
         return {one.name for one in checks.of_result(spoiled, tests, nominal, limits) if not one.passed}
 
     off = np.array(NOMINAL) + [[0, 0.03, 0], [0.2, 0, 0]]
-    assert failing(nominal=off) == {f"{n} against the catalogue, less 3 sigma" for n in ("y and z of C", "x of D")}
+    assert failing(nominal=off) == {f"{n} from the catalogue, less 3 sigma" for n in ("y and z of C", "x of D")}
     assert failing(lambda c: c["sigma0"].values.__imul__(3)) == {"noise over noise assumed, range_rate"}
     assert failing(lambda c: c["centre"].values[0].__iadd__(1.0)) == {"observables apart"}
     assert failing(lambda c: c["centre"].values[1, 0, 1].__iadd__(1.0)) == {"robust apart from ls"}

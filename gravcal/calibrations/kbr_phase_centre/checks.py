@@ -152,8 +152,7 @@ def of_result(
     distance = 1e3 * (np.abs(centre[row, column] - np.ravel(nominal_m)) - 3 * sigma[row, column])
     for k, letter in enumerate(combined.attrs["satellites"]):
         for axes, place, limit in (("x", [0], "plausible_x_mm"), ("y and z", [1, 2], "plausible_yz_mm")):
-            own = distance[[3 * k + i for i in place if determined[3 * k + i]]]
-            if own.size:
-                name = f"{axes} of {letter} against the catalogue, less 3 sigma"
-                tests.append(at_most(name, own.max(initial=0.0), limits[limit], "mm"))
+            own = [distance[3 * k + i] for i in place if determined[3 * k + i]]
+            name = f"{axes} of {letter} from the catalogue, less 3 sigma"
+            tests += [at_most(name, max([*own, 0.0]), limits[limit], "mm")] * bool(own)
     return tests
