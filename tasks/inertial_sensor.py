@@ -22,13 +22,13 @@ def detect(*attitudes, **settings):
     return records.detect(*(functools.partial(files.read, one) for one in attitudes), **settings)
 
 
-@stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.align", version=1)
+@stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.align", version=2)
 def align(detected, *observed, **settings):
     """Voltages, attitude and orbit about the swing, from the files of its days."""
     return records.align(detected, *files.between(observed), **settings)
 
 
-@stage(reads=["inertial_sensor.align"], writes="inertial_sensor.scale", version=3)
+@stage(reads=["inertial_sensor.align"], writes="inertial_sensor.scale", version=4)
 def scale(aligned, **settings):
     """Angular and linear scale factors, and delay of the star tracker."""
     return estimating.scale(aligned, **settings)
@@ -40,7 +40,7 @@ def offset(aligned, scaled, **settings):
     return estimating.offset(aligned, scaled, **settings)
 
 
-@stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.segment", version=2)
+@stage(reads=["inertial_sensor.detect", "file"], writes="inertial_sensor.segment", version=3)
 def segment(detected, *observed, **settings):
     """Record of the roll averaged in bins, day by day."""
     return records.segment(detected, files.loaders(observed), **settings)
@@ -49,7 +49,7 @@ def segment(detected, *observed, **settings):
 SEGMENTED = [f"inertial_sensor.{name}" for name in ("segment", "scale", "offset")]
 
 
-@stage(reads=SEGMENTED, writes="inertial_sensor.bias", version=5)
+@stage(reads=SEGMENTED, writes="inertial_sensor.bias", version=6)
 def bias(segmented, *swing, **settings):
     """Bias of every segment and their robust mean."""
     return biases.bias(segmented, *swing, **settings)

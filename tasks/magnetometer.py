@@ -14,7 +14,7 @@ page = lazy("gravcal.calibrations.magnetometer.page")
 KINDS = product.registered("magnetometer", **schemas.of("magnetometer.toml"))
 
 
-@stage(reads=["ingest"], writes="magnetometer.align", version=4)
+@stage(reads=["ingest"], writes="magnetometer.align", version=5)
 def align(observed, camera, orbit, **settings):
     """Measured and reference field in the body frame."""
     return model.align(observed, camera, orbit, **settings)

@@ -17,7 +17,7 @@ def estimated(names, units, limit, information, right, starts, size=1.0) -> dict
     """
     value, covariance = least_squares.solution(information.sum(axis=0), right.sum(axis=0), limit)
     parts = [least_squares.solution(*part, limit) for part in zip(information, right, strict=True)]
-    chi2, dof = agreement(information, right)
+    chi2, dof = least_squares.disagreement(right, information)
     return {
         "parameter": list(names),
         "unit": list(units),
@@ -30,11 +30,6 @@ def estimated(names, units, limit, information, right, starts, size=1.0) -> dict
         "agreement_chi2": chi2,
         "agreement_dof": dof,
     }
-
-
-def agreement(information: np.ndarray, right: np.ndarray) -> tuple[float, int]:
-    """Chi-square and degrees of freedom of normal equations of parts (k, p, p), (k, p) about a common solution."""
-    return least_squares.disagreement(right, information, [np.zeros((right.shape[1], 0))] * len(right))
 
 
 def with_model_error(solved: xr.Dataset, *moved: xr.Dataset) -> xr.Dataset:

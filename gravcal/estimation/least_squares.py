@@ -152,11 +152,12 @@ def weakening(information: np.ndarray, modes: np.ndarray) -> np.ndarray:
     return np.eye(information.shape[0]) - information @ M @ inner @ M.T
 
 
-def disagreement(residuals: Sequence, informations: Sequence, modes: Sequence) -> tuple[float, int]:
+def disagreement(residuals: Sequence, informations: Sequence, modes: Sequence = ()) -> tuple[float, int]:
     """Chi-square and degrees of freedom of score residuals (p,) about a common value, by their information (p, p).
 
     sum r' N^+ r less what a common value explains; shared errors, modes (p, m) of each, are free within unit priors.
     """
+    modes = modes or [np.zeros((informations[0].shape[0], 0))] * len(residuals)
     count, size = modes[0].shape[1], informations[0].shape[0]
     normal, right, total = np.zeros((size + count,) * 2), np.zeros(size + count), 0.0
     normal[size:, size:] = np.eye(count)

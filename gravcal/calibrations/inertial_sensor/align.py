@@ -8,6 +8,7 @@ import xarray as xr
 from scipy.ndimage import median_filter, uniform_filter1d
 
 from gravcal.calibrations import schemas
+from gravcal.calibrations.align import BRIDGED_S, between
 from gravcal.calibrations.schemas import build
 from gravcal.effects import inertial_sensor as electrodes
 from gravcal.errors import EstimationError, refuse
@@ -65,6 +66,7 @@ def reduced(sensor: dict, tracker: dict, orbit: dict, step_s: float) -> dict[str
     quaternion = mean_attitude(tracker["time"], tracker["quaternion"], edges)
     state = np.concatenate([orbit["position"], orbit["velocity"]], axis=1)
     state = np.stack([np.interp(middle, orbit["time"], column, np.nan, np.nan) for column in state.T], axis=1)
+    state[~between(middle, orbit["time"], BRIDGED_S)] = np.nan
     R_bi = frames.R_bi_from_quaternion(np.where(np.isfinite(quaternion), quaternion, [1.0, 0, 0, 0]))
     R_bi[~np.isfinite(quaternion).all(axis=1)] = np.nan
     sampling = np.median(np.diff(sensor["time"][:10000]))
@@ -198,7 +200,7 @@ def align(
         refuse(where, gap, expected, remedy, EstimationError, gap_s=longest)
     spike = spikes(repaired(time, recorded, missing), 5, spike_sigma) & ~missing
     used = (attitude["time"] >= time[0]) & (attitude["time"] <= time[-1])
-    used &= np.isfinite(attitude["quaternion"]).all(axis=1)
+    used &= np.linalg.norm(attitude["quaternion"], axis=1) > 0.5
     values = {
         "time": time,
         "volts": repaired(time, recorded, missing | spike),

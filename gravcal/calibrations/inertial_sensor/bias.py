@@ -256,7 +256,7 @@ def robust_mean(values: np.ndarray, sigma: np.ndarray, missing: Sequence[int] = 
     """
     if values.size < 3:
         return float(np.mean(values)) if values.size else np.nan, np.nan, np.nan
-    white = np.sqrt(np.mean(sigma**2))
+    white = np.sqrt(np.mean(np.minimum(sigma, LIMIT * np.median(sigma)) ** 2))  # one that is disturbed sets no limit
     local = median_filter(values, size=min(NEIGHBOURS, values.size), mode="mirror")
     deviation = values - local
     limit = LIMIT * max(1.4826 * np.median(np.abs(deviation)), white, 1e-300)

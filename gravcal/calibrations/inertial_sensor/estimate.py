@@ -231,7 +231,8 @@ def published_factors(aligned: xr.Dataset, bin_s: float) -> dict:
     middle = (edges[1:] + edges[:-1]) / 2
     volt = bin_means(aligned.time.values, electrodes.readouts(aligned.volts.values)[:, 3:], edges)[0]
     attitude = align.mean_attitude(aligned.time_att.values, aligned.quaternion.values, edges)
-    attitude = np.where(np.isfinite(attitude).all(axis=1)[:, None], attitude, [1.0, 0.0, 0.0, 0.0])
+    good = np.isfinite(attitude).all(axis=1)
+    attitude = frames.interpolate(middle[good], attitude[good], np.clip(middle, *middle[good][[0, -1]]))
     rate_dot = np.full((middle.size, 3), np.nan)
     rate_dot[1:-1] = np.diff(frames.attitude_error(attitude[1:], attitude[:-1]) / bin_s, axis=0) / bin_s
     inside = (middle >= first) & (middle <= last)

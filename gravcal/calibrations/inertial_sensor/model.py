@@ -240,7 +240,7 @@ def fit(swing: Swing, first: np.ndarray) -> Fit:
 
 def _begin(swing, first):
     """Start unknowns and motion, from first factors (2,); rates by differencing the tracker over five seconds."""
-    near = np.abs(swing.time_att - swing.time[0] - 2.5) <= 2.5
+    near = swing.time_att - swing.time_att[0] <= 5.0
     angle = frames.attitude_error(swing.quaternion[near], swing.quaternion[near][:1])
     rate = np.polyfit(swing.time_att[near] - swing.time_att[near][0], angle, 1)[0]
     at = np.clip(swing.time, swing.time_att[0], swing.time_att[-1])

@@ -56,7 +56,9 @@ def align(
     time, values = usable(mag, (*columns, "current_b"))
     sca_time, quaternion = usable(camera, QUATERNION)
     orbit_time, state = usable(orbit, STATE)
+    stale = np.append(False, np.all(np.diff(values[:, :3], axis=0) == 0, axis=1))  # MAG1B has each value twice
     inside = between(time, sca_time, BRIDGED_S) & between(time, orbit_time, BRIDGED_S)
+    inside &= ~stale | np.append(False, stale[:-1])  # what stands still is looked at
     if inside.sum() < LEAST:
         records, remedy = f"{inside.sum()} records with attitude and orbit", "Give files of the same minutes."
         file, count = mag.attrs.get("file", "MAG1B"), int(inside.sum())

@@ -4,7 +4,6 @@ import numpy as np
 import xarray as xr
 from scipy.linalg import block_diag
 
-from gravcal.calibrations import named_parameters
 from gravcal.calibrations.align import QUATERNION, own_tags, sorted_samples
 from gravcal.calibrations.schemas import build
 from gravcal.calibrations.thrusters.model import SCHEMAS
@@ -197,7 +196,7 @@ def _solved(ranges, every, axes_b, block_s):
             chi2_sum, redundancy = chi2_sum + gram[-1, -1], redundancy + mean.size
     normal, side = information.sum(axis=0), right.sum(axis=0)
     bias = least_squares.stable_inverse(normal) @ side
-    chi2, dof = named_parameters.agreement(information, right)
+    chi2, dof = least_squares.disagreement(right, information)
     factor = max(1.0, (chi2_sum - bias @ side) / max(redundancy, 1), chi2 / max(dof, 1))  # of variances
     amplitude = np.exp(np.concatenate([slow, fast]) / 2)
     noise_covariance = block_diag(slow_covariance, fast_covariance) * np.outer(amplitude, amplitude) / 4
