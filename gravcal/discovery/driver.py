@@ -26,7 +26,6 @@ from gravcal.discovery.problem import (
 from gravcal.discovery.rounds import Choice, Result, begun, concluded
 from gravcal.discovery.scan import offered, side_by_side
 from gravcal.discovery.trials import AXES, COST, EXCESS, SHARES
-from gravcal.effects import effect
 from gravcal.errors import CatalogError
 from gravcal.estimation import chi2_tail, outcome
 from gravcal.estimation.quantities import SCHEMA, tabled
@@ -85,12 +84,11 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
 
 
 def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
-    """Raise CatalogError if an entry names no driver, no channel or no sensor of this calibration."""
-    if observed is None or observed.shifted:
-        return
-    channels = {effect(slug_of(one.cause)).channel for one in observed.candidates if one.listed}
-    strange = {one.cause for one in model if not one.listed or effect(one.cause).channel not in channels}
+    """Raise CatalogError if an entry names no driver of this calibration, or a sensor that it has not."""
+    strange = {entry.cause for entry in model if not entry.listed}
     strange |= {f"{one.cause}.{n}" for one in model if one.listed for n in one.values if n.endswith(("_1", "_2"))}
+    if observed is None or not strange:
+        return
     known = {slug_of(one.cause) for one in observed.candidates} | {line.cause for line in observed.lines}
     known |= {*observed.tones.values(), *(f"{one.cause}.{name}" for one in observed.candidates for name in one.names)}
     if strange - known:

@@ -69,15 +69,15 @@ def test_columns_along_own_ones_are_gone_and_not_rounding(made):
 
 
 def test_a_driver_that_the_calibration_has_not_is_an_error():
-    """Contract: it was ignored without a word; causes that act on its channels, drivers and lines that it has pass."""
-    searched = [Candidate(cause, "", [], [], []) for cause in ("unknown:pointing", "ranging.delay")]
+    """Contract: it was ignored without a word; causes of the catalogue, drivers and lines that are searched pass."""
+    searched = [SimpleNamespace(cause=cause, names=()) for cause in ("unknown:pointing", "ranging.delay")]
     lines = (SimpleNamespace(cause="unknown:time"),)
-    observed = SimpleNamespace(name="kbr_phase_centre", candidates=searched, lines=lines, tones={}, shifted=False)
-    known, foreign = ("unknown:pointing", "unknown:time", "ranging.thermal"), Entry("unknown:warmth", "", {})
+    observed = SimpleNamespace(name="kbr_phase_centre", candidates=searched, lines=lines, tones={})
+    known, foreign = ("unknown:pointing", "unknown:time", "torque.eddy_current"), Entry("unknown:warmth", "", {})
     check_causes(observed, [Entry(cause, "", {}) for cause in known])
     check_causes(None, [foreign])
-    with pytest.raises(CatalogError, match="found torque.eddy_current, unknown:warmth, expected .*_centre: unknown:p"):
-        check_causes(observed, [Entry("torque.eddy_current", "", {}), foreign])
+    with pytest.raises(CatalogError, match="found unknown:warmth, expected .* of kbr_phase_centre: unknown:pointing"):
+        check_causes(observed, [Entry("unknown:pointing", "", {}), foreign])
 
 
 def grams(blocks):
