@@ -157,7 +157,7 @@ class Place:
     def of_library(self, minutes, causes):
         """(loss, plan, `judged` by the seeds `JUDGES`) of the best manoeuvres of a library, minutes in all."""
         limits = self.limits
-        count = int(minutes * 60 / limits["duration_s"])
+        count = int(minutes * 60 / limits["duration_s"] + 1e-9)  # the published minutes are a quotient
         if count < 1:
             expected = f"at least one manoeuvre of {limits['duration_s']} s"
             refuse("--budget", f"{minutes} minutes", expected, "Give more.")
