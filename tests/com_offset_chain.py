@@ -18,14 +18,7 @@ ORDER = ("ACC1A", "SCA1B", "MAG1B", "GNI1B", "TIM1B", "CLK1B")
 
 
 def event(seed, effects=None, **settings):
-    """Ingested records and truth of a simulated day.
-
-    Parameters
-    ----------
-    seed : int
-    effects : {slug: {parameter: value}}
-    settings : of the simulation
-    """
+    """Ingested records and truth of a simulated day with effects {slug: {parameter: value}} and settings."""
     chosen = catalog.parameters("simulate_com_offset").with_settings(settings)
     columns, truth = simulate(SATELLITE, chosen, DAY, seed, effects or {})
     return {name: ingested(name, columns[name]) for name in ORDER}, truth

@@ -2,8 +2,10 @@
 
 import itertools
 import math
+import tomllib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
@@ -254,6 +256,11 @@ class Reported:
     readings: Mapping[str, str] = field(default_factory=dict)
 
 
+def reported(module: str, name: str, result: Callable | None = None) -> Reported:
+    """Reported with a result, its words those of the TOML file ``name`` next to a module file."""
+    return Reported(result, **tomllib.loads(Path(module).with_name(name).read_text(encoding="utf-8")))
+
+
 class Observations(Protocol):
     """All that discovery sees of a calibration; subclasses state the attributes, and the methods where they differ."""
 
@@ -277,6 +284,7 @@ class Observations(Protocol):
     periods: Mapping[float, int] = {}
     whole_manoeuvres: bool = False  #: True if a block is a manoeuvre, else what is left out is called "blocks"
     contiguous: bool = False  #: True if noise goes on from block to block, so that `reading` takes the rows of all
+    floored: bool = False  #: True if the noise is held above what the record shows: less power is no alarm
     readable: tuple[str, ...] = ()  #: channels whose reading the page can show, all if empty
     epoch: float | None = None  #: s, GPS, at which a parameter that moves is given, None where there is none
     #: {parameter: (value, largest distance from it)} in the reported unit; what is further off is questionable

@@ -134,17 +134,9 @@ def _write_window(world, window, writer):
 
 
 def make_event(folder, seed, **settings):
-    """Write the Level-1 files of one day into a folder; return the truth.
+    """Write the Level-1 files of one day into a folder, made if absent; return the truth, which is not in it.
 
-    Parameters
-    ----------
-    folder : path of the files, made if absent
-    seed : int; the same seed and settings give the same bytes
-    settings : fields of `Settings`
-
-    Returns
-    -------
-    truth : dict; times are GPS seconds past 2000-01-01 12:00:00; never written into the folder
+    Settings are fields of `Settings`; the same seed and settings give the same bytes. Times are GPS seconds.
     """
     chosen = Settings(**settings)
     world = World(seed, chosen)

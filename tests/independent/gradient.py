@@ -104,13 +104,8 @@ def motion(orbit, t, step, rng, known):
 def make_day(folder, seed, effects=None, duration_s=8000.0, step=1.0):
     """Write the record of some hours and, beside its folder, the field as field.gfc; return the truth.
 
-    Parameters
-    ----------
-    folder : path of the files, made if absent
-    seed : int
-    effects : {name: value} of `EFFECTS`: misalignment (3) rad, residual_dipole (3) A m2, mounting (2, 3) m (true minus
-        stated place), odd_rectified (3): share of the size of the linear x reading that is added
-    duration_s, step : s
+    Effects are {name: value} of `EFFECTS`: misalignment (3) rad, residual_dipole (3) A m2, mounting (2, 3) m (true
+    less stated place), odd_rectified (3): share of the size of the linear x reading that is added; duration_s, step s.
     """
     effects = effects or {}
     if unknown := effects.keys() - set(EFFECTS):

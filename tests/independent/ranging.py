@@ -120,12 +120,8 @@ def hidden(pair, t, effects):
 def make_campaign(folder, seed, effects=None, orbit_error_m=1e-3):
     """Write the Level-1 files of a ranging campaign of one day; return the truth.
 
-    Parameters
-    ----------
-    folder : path of the files, made if absent
-    seed : int
-    effects : {name: settings} of `EFFECTS`; star_camera_delay: {satellite: seconds late}
-    orbit_error_m : of the written orbits, at one and two cycles per revolution
+    Effects are {name: settings} of `EFFECTS`; star_camera_delay: {satellite: seconds late}; orbit_error_m: of the
+    written orbits, at one and two cycles per revolution.
     """
     effects, pair, day = effects or {}, Pair(seed), earth.day_start(DATE)
     if unknown := effects.keys() - set(EFFECTS):

@@ -156,13 +156,8 @@ class Sensor:
 def make_event(folder, seed, effects=None, roll_s=10500.0):
     """Write the files of a swing and, unless `roll_s` is zero, of a roll on the next day; return the truth.
 
-    Parameters
-    ----------
-    folder : path of the files, made if absent
-    seed : int
-    effects : {name: value} of `EFFECTS`: quadratic (3) of x, y, z electrodes in 1/V, cross (3, 3) of the linear
-        readouts, tracker_misalignment (3) rad, odd_telegraph {"value": (3) m s-2, "rate_hz"}
-    roll_s : length of the roll
+    Effects are {name: value} of `EFFECTS`: quadratic (3) of x, y, z electrodes in 1/V, cross (3, 3) of the linear
+    readouts, tracker_misalignment (3) rad, odd_telegraph {"value": (3) m s-2, "rate_hz"}; roll_s: length of the roll.
     """
     effects = effects or {}
     if unknown := effects.keys() - set(EFFECTS):

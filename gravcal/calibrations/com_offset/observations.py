@@ -17,7 +17,7 @@ from gravcal.effects import effect
 from gravcal.errors import refuse
 from gravcal.estimation.least_squares import polynomial, project_out, stable_inverse
 from gravcal.estimation.noise import fit_noise, whiten
-from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, Reported
+from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Lead, Observations, Parameter, reported
 from gravcal.physics.orbit_environment import sun_i
 
 #: {instrument: (channel, cause)} of tags that are minutes off.
@@ -264,7 +264,4 @@ def _result(combined: xr.Dataset, variant: str | None = None) -> tuple[str, np.n
     return names[index], 1e6 * combined["offset"].values[index], 1e12 * combined["covariance"].values[index]
 
 
-FILTERED = " It is low-passed like in the solution; its mean is left out."
-TURNED = " It is the rotation from a satellite whose torquers are off; its mean is left out."
-NOTE = "An offset that moves is that at the middle of each manoeuvre."
-REPORT = Reported(_result, NOTE, readings={"linear": FILTERED, "angular": FILTERED, "attitude": TURNED})
+REPORT = reported(__file__, "discovery.toml", _result)

@@ -16,7 +16,7 @@ from gravcal.calibrations.gradient_torque.noise import GLOBAL, PLACES, Channel, 
 from gravcal.calibrations.gradient_torque.responses import POINTING, drivers, effects_of, memories
 from gravcal.effects import Context, effect
 from gravcal.effects.gradient import EFFECTS, added_to_channels, apart, reading_of, readings, tensor, tesseral
-from gravcal.estimation.records import Block, Candidate, Entry, Observations, Reported, Shape, Unobservable
+from gravcal.estimation.records import Block, Candidate, Entry, Observations, Shape, Unobservable, reported
 from gravcal.physics import earth, frames, magnetic, orbit_environment
 
 UNITS = {"linear": "m s-2", "attitude": "rad s-2", "torque": "N m"}
@@ -287,13 +287,4 @@ def _result(drag: xr.Dataset, _method: str | None = None) -> tuple[str, np.ndarr
     return "torque balance", np.full(3, 1e3 * value), np.full((3, 3), 1e6 * covariance)
 
 
-NOTE = (
-    "A day is looked at in stretches of two hours, with the noise measured in the day itself: the difference of both "
-    "sensors, the star camera against the angular readings, and the torque that gravity gradient and control leave."
-)
-READINGS = {
-    "linear": " It is the difference of both sensors; its mean is left out.",
-    "attitude": " It is that of the star camera beside that to which the angular readings integrate.",
-    "torque": " It is what gravity gradient and control leave.",
-}
-REPORT = Reported(_result, NOTE, READINGS)
+REPORT = reported(__file__, "discovery.toml", _result)

@@ -233,11 +233,4 @@ class InertialSensor(records.Observations):
         return responses.swing_without(swing, model) if swing else responses.roll_without(self.roll, model)
 
 
-NOTE = (
-    "A swing is looked at as a whole, a roll in its segments, each with amplitudes of its own; its noise is a sum of "
-    "power laws beside every form that is tried, and constants may wander about the bias as far as they scatter about "
-    "a straight line."
-)
-ROLL = " Straight pieces lie between the segments; its mean is left out."
-TURNED = " It is the rotation beside that at a mean rate, as the voltages predict it and the tracker sees it."
-REPORT = records.Reported(note=NOTE, readings={observed_roll.CHANNEL: ROLL, "attitude": TURNED})
+REPORT = records.reported(__file__, "discovery.toml")

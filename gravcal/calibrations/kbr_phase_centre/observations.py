@@ -210,9 +210,4 @@ def _result(combined: xr.Dataset, variant: str | None = None) -> tuple[str, np.n
     return name, 1e3 * combined["centre"].values[place], 1e6 * combined["covariance"].values[place]
 
 
-NOTE = (
-    "Range, range rate and range acceleration come from one phase; the range stands for all three. Only a tilted "
-    "antenna feels the noise of the star cameras, so this part is that of the manoeuvres beside everything that a "
-    "listed cause could explain."
-)
-REPORT = records.Reported(_result, NOTE, {"range": " The distance of the orbits is taken off, and the mean."})
+REPORT = records.reported(__file__, "discovery.toml", _result)

@@ -15,7 +15,7 @@ from gravcal.calibrations.causes import listed, unknown
 from gravcal.calibrations.magnetometer import model
 from gravcal.effects import effect
 from gravcal.estimation.noise import NoiseModel, unwhiten
-from gravcal.estimation.records import Block, Candidate, Entry, Observations, Parameter, Reported
+from gravcal.estimation.records import Block, Candidate, Entry, Observations, Parameter, reported
 
 #: Errors s of tags that are far off, the second by 5 mrad of mounting.
 FAR = {"timing.star_camera_delay": POINTING_S, "timing.magnetometer_delay": 5.0}
@@ -55,7 +55,7 @@ class Readings(Observations):
 
     name = "magnetometer"
     channels = ("magnetometer",)
-    parameters = ()
+    parameters, floored = (), True
     unit, scale, start = "T", np.zeros(0), np.zeros(0)
 
     def _rows(self, values, part):
@@ -98,10 +98,4 @@ class Readings(Observations):
         return self.field.time[part], self.field.model_b[part], np.stack(columns).transpose(2, 1, 0)
 
 
-NOTE = (
-    "The record is looked at in parts that are left out in turn, with nothing free beforehand: bias, scale, "
-    "mounting and leak are themselves among the causes. The noise is that of the residual with every cause in the "
-    "model: white in ten minutes and less, in more autoregressive with a coefficient for each hundred samples at most. "
-    "The calibration has all of them free but for the temperature, so that nothing else found here changes it."
-)
-REPORT = Reported(note=NOTE)
+REPORT = reported(__file__, "discovery.toml")

@@ -13,7 +13,7 @@ from scipy.signal import detrend
 
 from gravcal.calibrations.causes import listed, unknown
 from gravcal.effects import Context, catalogue
-from gravcal.estimation.records import Block, Candidate, Observations, Reported, Weighed
+from gravcal.estimation.records import Block, Candidate, Observations, Weighed, reported
 from gravcal.physics import earth, magnetic
 from gravcal.physics.frames import cross_matrix
 
@@ -243,11 +243,4 @@ def of_readings(form: str, arcs: list[Arc], mean: np.ndarray) -> list[Candidate]
     return [*(made(slug, leak) for slug in READINGS), spikes, made("accelerometer.angular_scale", scale)]
 
 
-REPORT = Reported(
-    note="Every manoeuvre of the table gives its own offset; the model is one offset for all. The errors are the "
-    "printed ones times what repeats of one kind ask for. The table holds estimates, not readings: what an effect does "
-    "to them is modelled, and no offset is adopted. The variants share one accelerometer: they are no independent "
-    "evidence. Yaw acceleration read in a_y is nearly an offset dx of the yaws alone; pitch acceleration read in a_z "
-    "differs from it by an offset: no table of this geometry tells these apart. Couplings by current and by angular "
-    "acceleration part where the same manoeuvre is flown at two latitudes, for the current is the same there."
-)
+REPORT = reported(__file__, "discovery.toml")

@@ -17,7 +17,7 @@ from gravcal.calibrations.causes import LateTags, listed, of_late_orbit
 from gravcal.calibrations.ranging import model
 from gravcal.effects import Context, Effect, effect
 from gravcal.estimation import least_squares, records
-from gravcal.estimation.records import Candidate, Entry, Fitted, Observations, Parameter, Reported
+from gravcal.estimation.records import Candidate, Entry, Fitted, Observations, Parameter, reported
 
 #: Effects that a range can show; a phase break begins another block.
 EFFECTS = ("antenna_correction", "phase_centre", "star_camera_misalignment", "multipath", "once_per_revolution")
@@ -153,9 +153,4 @@ class Routine(Observations):
         return rows.assign_attrs(model=" ".join(entry.cause for entry in model))
 
 
-REPORT = Reported(
-    note="Each block has its own bias and slow orbit error; noise is that of the day, with its own levels of orbit "
-    "errors and of ranging, measured beside all causes at once. "
-    "Phase centres are null where their error is larger than a wiggle would leave.",
-    readings={"range": " The distance of the orbits is taken off, and the mean."},
-)
+REPORT = reported(__file__, "discovery.toml")

@@ -12,7 +12,7 @@ from gravcal.calibrations.routine import accelerometer
 from gravcal.calibrations.routine.accelerometer import COMPONENTS, DELAY
 from gravcal.effects import effect
 from gravcal.estimation.noise import NoiseModel, unwhiten, whiten
-from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, Reported
+from gravcal.estimation.records import Block, Candidate, Entry, Fitted, Observations, reported
 
 NEAR_S = 0.01  # a delay is linear within it
 FIRINGS = "torque.thruster_firings"
@@ -124,9 +124,4 @@ def _firings_moved(entry, step):
     return replace(entry, parameters=moved) if moved else entry
 
 
-REPORT = Reported(
-    note="Components are looked at in stretches with a slow part free between knots, less what thruster table and "
-    "torquers foretell. Two thrusters that fire together are one pair. Firings are placed where a fit with every cause "
-    "free has them.",
-    readings={name: " Less its slow part." for name in Readings.channels},
-)
+REPORT = reported(__file__, "discovery.toml")

@@ -12,7 +12,7 @@ from gravcal.calibrations.causes import LateTags, listed, of_late_orbit, unknown
 from gravcal.calibrations.thrusters import estimate, model
 from gravcal.calibrations.thrusters.model import DELAY_STEP_S, Firings, Segment
 from gravcal.effects import Context, effect
-from gravcal.estimation.records import Block, Candidate, Entry, Observations, Parameter, Reported
+from gravcal.estimation.records import Block, Candidate, Entry, Observations, Parameter, reported
 from gravcal.estimation.resampling import lines_between
 from gravcal.physics import frames, orbit_environment
 
@@ -63,7 +63,7 @@ class Attitude(Observations):
     channels = ("roll", "pitch", "yaw")
     parameters = ()
     unit, scale, start = "1", np.zeros(0), np.zeros(0)
-    readable = ("none",)
+    readable, floored = ("none",), True
 
     @functools.cached_property
     def signals(self) -> list[Candidate]:
@@ -173,11 +173,4 @@ class Attitude(Observations):
         return self.aligned.assign(quaternion=self.aligned["quaternion"].copy(data=turned))
 
 
-NOTE = (
-    "A day is looked at in blocks with a torque free to change every knot, which stands for torquers, aerodynamics, "
-    "radiation and gravity gradient: it takes up a constant torque, a constant dipole and the mounting of the star "
-    "camera to some percent, so that these cannot be seen. Power and gains are divided by the inflation, what "
-    "firings at wrong times gain over what chance would give. Shares are in units of lever arm x force x time on of "
-    "the thruster table."
-)
-REPORT = Reported(note=NOTE)
+REPORT = reported(__file__, "discovery.toml")
