@@ -15,13 +15,13 @@ KINDS = product.registered("com_offset", **schemas.of("com_offset.toml"))
 ALIGNED, SMOOTHED, ANGULAR = (f"com_offset.{name}" for name in ("align", "attitude", "angular_acceleration"))
 
 
-@stage(reads=["ingest"], writes="com_offset.detect", version=2)
+@stage(reads=["ingest"], writes="com_offset.detect", version=3)
 def detect(magnetometer, **settings):
     """Manoeuvres (kind, start, stop) detected in the torquer currents."""
     return aligning.detect(magnetometer, **settings)
 
 
-@stage(reads=["com_offset.detect", "ingest"], writes="com_offset.align", version=3)
+@stage(reads=["com_offset.detect", "ingest"], writes="com_offset.align", version=4)
 def align(*observed, **settings):
     """Records about the manoeuvres on GPS time."""
     return aligning.align(*observed, **settings)
@@ -33,7 +33,7 @@ def field(aligned, *, igrf_generation):
     return modelling.field(aligned, igrf_generation=igrf_generation)
 
 
-@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.attitude", version=3)
+@stage(reads=["com_offset.align", "com_offset.field"], writes="com_offset.attitude", version=4)
 def attitude(aligned, checked, **settings):
     """Attitude by dynamics fitted to the star camera, and edge times of the manoeuvres in both instruments."""
     return attitudes.attitude(aligned, checked, **settings)
@@ -51,7 +51,7 @@ def checks(aligned, checked, smoothed, *others, **limits):
     return checking.inputs(aligned, checked, smoothed, *others, **limits)
 
 
-@stage(reads=["com_offset.align"], writes="com_offset.quiet", version=2)
+@stage(reads=["com_offset.align"], writes="com_offset.quiet", version=3)
 def quiet(aligned, **settings):
     """Linear accelerations outside the manoeuvres, low-passed and resampled like the reading of a manoeuvre."""
     return estimating.quiet(aligned, **settings)
@@ -81,7 +81,7 @@ def solve(resampled, measured, *, drift_degree, noise_order):
     return estimating.solve(resampled, measured, drift_degree=drift_degree, noise_order=noise_order)
 
 
-@stage(reads=[ALIGNED, SMOOTHED, ANGULAR], writes="com_offset.solve", version=1)
+@stage(reads=[ALIGNED, SMOOTHED, ANGULAR], writes="com_offset.solve", version=2)
 def published_solve(aligned, smoothed, angular):
     """Offset of every manoeuvre by the method as printed in 10.3390/rs14164030."""
     return estimating.published_solve(aligned, smoothed, angular)

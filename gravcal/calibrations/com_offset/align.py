@@ -118,7 +118,7 @@ def detect(magnetometer: xr.Dataset, **settings: float) -> xr.Dataset:
         "edge_lower": np.array([filled(w.lower, count + 1) for w in waves]).reshape(-1, count + 1),
         "edge_upper": np.array([filled(w.upper, count + 1) for w in waves]).reshape(-1, count + 1),
         "level": np.array([filled(w.level, count) for w in waves]).reshape(len(waves), count),
-        "regular": [upper - lower > 1e-4 for lower, upper in first],  # all edges whole half periods apart
+        "regular": [settings["period_s"] % 1 == 0 and b - a > 1e-4 for a, b in first],  # edges whole half periods apart
         "start": [(w.lower[0] + w.upper[0]) / 2 for w in waves],
         "stop": [(w.lower[-1] + w.upper[-1]) / 2 for w in waves],
         "kind": [int(np.argmax(np.sum(turning**2, axis=0))) for turning in torques],
@@ -199,7 +199,7 @@ def _outliers(name, time, values, flag, limit):
     """Flags (n,), OUTLIER where a usable sample alone deviates from its neighbours (star camera: from their cubic)."""
     outliers, usable = np.zeros_like(flag), np.flatnonzero(flag == 0)
     reach, weights, floor = REACH.get(name, (0, None, 0.0))
-    if not reach or usable.size < 2:
+    if usable.size < max(2 * reach, 1) or not reach:
         return outliers
     values = values[usable] if name != "sca" else frames.continuous(values[usable])
     values = values[:, np.isfinite(values).all(axis=0)]
@@ -216,10 +216,10 @@ def _spans(detected, acc, sca, mag, orbit, margin, survey):
     """Windows (w, 2) s around the manoeuvres with a margin (s); without one, `survey` (s) from the common beginning."""
     if detected.sizes["manoeuvre"]:
         return np.stack([detected["start"].values - margin, detected["stop"].values + margin], axis=1)
-    times = [d["time_tag"].values for d in (acc, sca, mag, orbit)]
+    times = [records.usable(d, ())[0] for d in (acc, sca, mag, orbit)]
     if any(t.size == 0 for t in times):
-        empty = [d.attrs.get("file", d.attrs.get("product")) for d in (acc, sca, mag, orbit) if not d.sizes["record"]]
-        refuse(", ".join(map(str, empty)), "no record", "those of a day", "Fetch the file again.", EstimationError)
-    first = np.floor(max(float(np.nanmin(t)) for t in times))
-    last = min(float(np.nanmax(d["time_tag"].values)) for d in (sca, orbit))
-    return np.array([[first, min(last, first + survey)]])
+        each = zip((acc, sca, mag, orbit), times, strict=True)
+        empty = ", ".join(str(d.attrs.get("file", d.attrs.get("product"))) for d, t in each if not t.size)
+        refuse(empty, "no usable record", "those of a day", "Fetch the file again.", EstimationError)
+    first = np.floor(max(float(t[0]) for t in times))
+    return np.array([[first, min(float(times[1][-1]), float(times[3][-1]), first + survey)]])

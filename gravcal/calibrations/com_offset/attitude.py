@@ -198,7 +198,8 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
         near = (mag_time > origin - 2) & (mag_time < stop + 2) & (aligned["mag_flag"].values == 0)
         current = np.nan_to_num(aligned["current_b"].values[near])
         breaks, dipole_b = dipole_history(edges, level, rod, mag_time[near], current, per_current)
-        nodes = (orbit_time > origin - 6) & (orbit_time < stop + 6)
+        nodes = (orbit_time > origin - 31) & (orbit_time < stop + 31)
+        origin, stop = (origin, stop) if gap else np.clip([origin, stop], *orbit_time[nodes][[0, -1]])
         arc = Arc(
             origin=origin,
             stop=stop,
@@ -388,7 +389,7 @@ def _motion(window, fit, timing, aligned, noise, choice):
     """{variable of "com_offset.attitude": values at the accelerometer epochs} of one manoeuvre, its delay removed."""
     arc, rod, shift = window.arc, window.rod, fit.solution.shift
     time = aligned["time_acc"].values[window.acc]
-    at = np.clip(time - (0.0 if timing is None else timing.shift), arc.origin, None)
+    at = np.clip(time - (0.0 if timing is None else timing.shift), arc.origin, arc.field_time[-1])
     width = 0.0 if (timing is not None and timing.momentary) or time.size < 2 else float(np.median(np.diff(time)))
     motion = at, fit.solution.state, torque_of(arc, fit.solution)
     quaternion, rate, rate_dot = dynamics.integrate(*motion, max_step=choice.step_s)

@@ -231,7 +231,8 @@ def published_solve(aligned: xr.Dataset, smoothed: xr.Dataset, angular: xr.Datas
         high = abs(float(place["latitude"][i])) > HIGH_LATITUDE  # two components of pitch and roll, Table 7, else all
         solved = {0: [1, 2], 1: [0, 2]}.get(int(place["kind"][i]) if high else 2, [0, 1, 2])
         offset[i], formal = published_offset(time, ~marked, linear, rates, solved)
-        information[i][np.ix_(solved, solved)] = least_squares.stable_inverse(formal[np.ix_(solved, solved)])
+        if np.isfinite(offset[i]).any():
+            information[i][np.ix_(solved, solved)] = least_squares.stable_inverse(formal[np.ix_(solved, solved)])
     values = nothing(count) | {"offset": offset, "information": information, "normal": information}
     values["right"] = np.matvec(information, np.nan_to_num(offset))
     return product(values, place | {"mode_shared": [], "mode_catalogue": []}, variant, "published")
@@ -377,6 +378,9 @@ def published_offset(time, good, linear, rates, solved) -> tuple[np.ndarray, np.
     """
     reading = linear - linear[good].mean(axis=0)
     operator = lowpass_resampler(time, good, time, lowpass_hz=LOWPASS_HZ, half_width_s=6.0)
+    offset, covariance = np.full(3, np.nan), np.diag(np.full(3, np.inf))
+    if operator.valid.sum() < 100:
+        return offset, covariance
     filtered = operator(np.nan_to_num(np.concatenate([reading, *rates], axis=1)))[operator.valid]
     at = time[operator.valid]
     series = least_squares.project_out(np.stack([np.ones_like(at), at - at[0]], axis=1), filtered)
@@ -385,7 +389,6 @@ def published_offset(time, good, linear, rates, solved) -> tuple[np.ndarray, np.
     inverse = least_squares.stable_inverse(A.T @ (weight[:, None] * A))
     value = inverse @ A.T @ (weight * observed)
     residual = observed - A @ value
-    offset, covariance = np.full(3, np.nan), np.diag(np.full(3, np.inf))
     offset[solved] = value
     covariance[np.ix_(solved, solved)] = inverse * float(weight @ residual**2) / (observed.size - len(solved))
     return offset, covariance
@@ -444,10 +447,10 @@ def quiet_operators(aligned, values, settings):
 
 
 def quiet_spans(aligned, settings):
-    """Yield begin and end (s) of pieces as long as a manoeuvre, inside the windows and clear of every manoeuvre."""
+    """Yield begin and end (s) of pieces inside the windows and clear of every manoeuvre, of its length up to 180 s."""
     start, stop = aligned["start"].values, aligned["stop"].values
     margin = settings["quiet_margin_s"]
-    lengths = stop - start if start.size else np.full(aligned.sizes["window"], 180.0)
+    lengths = np.minimum(stop - start, 180.0) if start.size else np.full(aligned.sizes["window"], 180.0)
     ends = aligned["window_start"].values, aligned["window_stop"].values
     for window_start, window_stop, length in zip(*ends, lengths, strict=True):
         manoeuvres = [(a - margin, b + margin) for a, b in zip(start, stop, strict=True)]

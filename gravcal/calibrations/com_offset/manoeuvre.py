@@ -188,7 +188,7 @@ def _manoeuvre(products, index, window, estimates, settings):
     slow = motion.slow_torque_response(window.arc, window.time, sensitivity[:, :, :6], degree)
     local = np.concatenate([sensitivity[:, :3, :6], slow, sensitivity[:, :3, 9:10]], axis=2)
     # what effects look at; tags are taken as they are, for edges tell a delay to 0.1 s and the field would take that up
-    orbit = aligned["time_orbit"].values, aligned["position_i"].values
+    orbit = field_["time_orbit"].values, field_["position_i"].values
     basic = Context(
         time=time,
         rate_b=smoothed["rate_b"].values[own_samples],
@@ -422,7 +422,7 @@ def quiet_noise(aligned: xr.Dataset, field_: xr.Dataset, settings) -> tuple[dict
 def _measured(pieces, columns, orders, near, count):
     """Measured of `count` manoeuvres from pieces less columns (n_i, 3, q_i), each near (k,) one; orders: AR, step s."""
     if not pieces:
-        return Measured([[]] * count, np.zeros((count, 3)))
+        return Measured([[noises.NoiseModel(np.zeros(0), np.ones(1), orders[1])] * 3] * count, np.zeros((count, 3)))
     detrended, lost = noises.beside(pieces, columns), [one.shape[2] / 3 for one in columns]
     models = noises.fit_detrended(pieces, detrended, *orders)
     levels = noises.levels(models, [detrended(piece, index) for index, piece in enumerate(pieces)], lost, near, count)
@@ -459,8 +459,9 @@ def at_one_hertz(field_: xr.Dataset, begin: float, end: float) -> tuple[np.ndarr
     measured = field_["measured_b"].values[inside]
     if inside.size < 10:
         return np.zeros(0), np.zeros((0, 3)), np.zeros(0, dtype=bool)
-    renewed = [int(np.sum(np.any(np.diff(measured, axis=0)[k::2] != 0, axis=1))) for k in (0, 1)]
-    inside = inside[1::2] if renewed[0] >= renewed[1] else inside[::2]
+    half = np.rint(2 * (time[inside] - time[inside[0]])).astype(int) % 2
+    renewed = [int(np.sum(np.any(np.diff(measured, axis=0)[half[1:] == k] != 0, axis=1))) for k in (0, 1)]
+    inside = inside[half == int(renewed[1] >= renewed[0])]
     difference = field_["difference_b"].values[inside]
     valid = (field_["used"].values[inside] > 0) & np.isfinite(difference).all(axis=1)
     return time[inside], np.where(valid[:, None], difference, 0.0), valid

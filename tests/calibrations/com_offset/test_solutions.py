@@ -10,6 +10,7 @@ from scipy import stats
 
 from gravcal import catalog
 from gravcal.calibrations.com_offset.estimate import combine, noise, quiet
+from gravcal.calibrations.com_offset.manoeuvre import at_one_hertz
 from gravcal.physics.sensing import offset_tensor
 from gravcal.simulation.sensors import table_density
 
@@ -22,6 +23,15 @@ def made():
     seed = seeds.seed("made", 1e-6)
     observed, truth = tools.event(seed, manoeuvres=("pitch_high", "roll_high", "yaw_low"), manoeuvre_spacing_s=1500.0)
     return tools.chain(observed), truth | {"seed": seed}
+
+
+def test_a_lost_record_of_the_magnetometer_makes_no_other_value_late():
+    """Analytic: each second's value stands twice, the second copy half a second late, whatever was lost before."""
+    time, value = np.delete(0.5 * np.arange(120.0), 41), np.delete(np.repeat(np.arange(60.0), 2), 41)
+    field = {name: (("time_mag", "axis"), value[:, None] * np.ones(3)) for name in ("measured_b", "difference_b")}
+    field |= {"used": ("time_mag", np.ones(time.size))}
+    at, difference, _ = at_one_hertz(xr.Dataset(field, {"time_mag": time}), -1.0, 60.0)
+    assert_allclose(difference[:, 0], at)
 
 
 def test_each_manoeuvre_determines_what_it_turns_and_quiet_noise_is_that_of_the_simulation(made):
