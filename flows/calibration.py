@@ -54,6 +54,8 @@ class Discovery:
     result: Callable | None = None
     #: (source, chosen, with limits or not) -> report of a discovery that is made of those of others; None: of its own
     together: Callable | None = None
+    #: (chosen) -> causes that it estimates itself: a model takes them out of a run's records only if minutes off
+    estimated: Callable = lambda _chosen: ()
     housekeeping: tuple[str, ...] = ()  #: Level-1 products with fuel and temperatures, which causes may follow
 
     @staticmethod
@@ -79,7 +81,7 @@ class Discovery:
         """{name: ProductRef} that the observations are built from, made of the records as `read` returns them."""
         return self.built(source, chosen, self.read(source, chosen))
 
-    def without(self, source, chosen, records, model, variant="extended", products=None):
+    def without(self, source, chosen, records, model, variant="extended", products=None, estimated=()):
         """ProductRef of records less the effects of a model (JSON); ``products``, if known, are `built` of these."""
         products = products or self.built(source, chosen, records)
         return discovery.extend(
@@ -90,6 +92,7 @@ class Discovery:
             settings=self.settings(source, chosen) | self.chosen_for(chosen)[0],
             model=model,
             variant=variant,
+            estimated=estimated,
         )
 
     def taken_out(self, source, chosen, records, solved=None, products=None, *, alone=False):
@@ -97,11 +100,11 @@ class Discovery:
         model = model_of_event(chosen.model, source)
         if not model:
             return records, []
-        products = products or self.built(source, chosen, records)
+        known = {"products": products or self.built(source, chosen, records), "estimated": self.estimated(chosen)}
         moved = enumerate([] if alone else moved_models(model), start=1)
-        others = [self.without(source, chosen, records, one, f"moved_{number}", products) for number, one in moved]
+        others = [self.without(source, chosen, records, one, f"moved_{number}", **known) for number, one in moved]
         results = [solved(one) if solved else self.result(source, chosen, one) for one in others]
-        return self.without(source, chosen, records, model, products=products), results  # latest/ leads to it
+        return self.without(source, chosen, records, model, **known), results  # latest/ leads to it
 
     def given(self, name, source, chosen, recorded, solved=None):
         """(records, results, `model_result`): as `taken_out`, results only if that text is "" or with ``solved``."""

@@ -53,6 +53,7 @@ DISCOVERY = Discovery(
     lambda _source, chosen: chosen.for_stage("observe"),
     "gravcal.calibrations.magnetometer.observations",
     records=aligned,
+    estimated=lambda chosen: magnetometer.estimation.estimated(chosen.for_stage("estimate")["held"]),
 )
 CALIBRATION = Calibration(
     **stated(__file__),

@@ -37,6 +37,7 @@ DISCOVERY = Discovery(
     lambda source, chosen: wiggles.nominal_of(source) | chosen.for_stage("observe"),
     "gravcal.calibrations.ranging.observations",
     records=lambda source, chosen: quiet_rows(source, chosen)[0],
+    estimated=lambda _chosen: ("ranging.phase_centre", "ranging.antenna_correction"),
 )
 CALIBRATION = Calibration(
     **stated(__file__),

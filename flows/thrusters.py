@@ -10,6 +10,7 @@ from gravcal.store import results
 from tasks import common, thrusters
 
 TWIN = {"A": "B", "B": "A", "C": "D", "D": "C"}
+ESTIMATED = "torque.thruster_firings", "unknown:star_camera_in_use", "timing.thruster_delay", "timing.star_camera_delay"
 TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
 
 
@@ -67,6 +68,7 @@ DISCOVERY = Discovery(
     "gravcal.calibrations.thrusters.observations",
     records=aligned,
     products=products,
+    estimated=lambda _chosen: ESTIMATED,
 )
 CALIBRATION = Calibration(
     **stated(__file__),

@@ -29,13 +29,13 @@ ANY_PRODUCT, RESULTS = ["*"], ["*.discovery", "*.combine|*.drag"]
 LIMITS = ("discovery_level", "tie_chi2", "round_limit", "segment_s", "discovery_seed")
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=36, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=37, also=["{observations}"])
 def search(*products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - it names the product
     """Causes of what the model of an event leaves unexplained."""
     return driver.discover(observations_of(products, observations, names, settings), _limits(limits))
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=36, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=37, also=["{observations}"])
 def search_again(first, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """Search repeated in records less the findings of a ``first`` one, where their effects are large."""
     observed = observations_of(products, observations, names, settings)
@@ -46,7 +46,7 @@ def _limits(settings):  # driver.Limits of the settings `LIMITS`
     return driver.Limits(*(settings[name] for name in LIMITS))
 
 
-@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=3, also=["{observations}"])
+@stage(reads=ANY_PRODUCT, writes="{calibration}.discovery", version=4, also=["{observations}"])
 def limits(searched, *products, calibration, observations, names, settings, **limits):  # noqa: ARG001 - names it
     """Search with detection limits: the size from which each effect of the catalogue would have been named.
 
@@ -57,11 +57,12 @@ def limits(searched, *products, calibration, observations, names, settings, **li
     return driver.with_limits(searched, observations_of(latest, observations, names, settings), _limits(limits), say)
 
 
-@stage(reads=ANY_PRODUCT, writes="{records}", version=5, also=["{observations}"])
-def extend(*products, records, observations, names, model, settings):
-    """Records, product of the kind ``records``, less the effects of an extended model (JSON)."""
+@stage(reads=ANY_PRODUCT, writes="{records}", version=6, also=["{observations}"])
+def extend(*products, records, observations, names, model, settings, estimated):
+    """Records, product of the kind ``records``, less the effects of an extended model (JSON) that are not estimated."""
     observed, effects = observations_of(products, observations, names, settings), entries(json.loads(model))
     driver.check_causes(observed, effects)
+    effects = [one for one in effects if one.cause not in estimated or (observed and one.cause in observed.delays)]
     return _without(observed, products, records, names, effects)
 
 
@@ -72,7 +73,7 @@ def extend_by(searched, *products, records, observations, names, settings, tenta
     return _without(observations_of(products, observations, names, settings), products, records, names, model)
 
 
-@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=12, also=["{observations}"])
+@stage(reads=RESULTS, writes="{calibration}.discovery_report", version=13, also=["{observations}"])
 def report(searched, *combined, calibration, observations, event, satellite, settings, records):
     """Document, page and extended model of a search; combined: results before, after, before with the initial model."""
     named = {"calibration": calibration, "event": event, "satellite": satellite, "records": records}

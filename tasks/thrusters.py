@@ -32,7 +32,7 @@ def heads(observed, **settings):
     return heads_science.heads(observed, **settings)
 
 
-@stage(reads=["thrusters.align", "thrusters.noise"], writes="thrusters.estimate", version=1)
+@stage(reads=["thrusters.align", "thrusters.noise"], writes="thrusters.estimate", version=2)
 def estimate(aligned, measured, **settings):
     """Gain of the thruster impulses and delay of their time tags."""
     return estimation.estimate(aligned, measured, **settings)

@@ -80,7 +80,7 @@ def test(problem: Problem, baseline: np.ndarray, noise: list[np.ndarray]) -> Tes
     certain = [one for log_p, one in order if log_p[0] < CERTAIN]
     excess = max(certain, key=lambda one: one.score, default=order[0][1] if order else None)
     excess_p = float(np.exp(_ranked(np.min(unlikely, axis=0))[0])) if excesses else 1.0
-    quiet = 1.0 if quiet is None else float(np.exp(_ranked(quiet)[0]))
+    quiet = 1.0 if quiet is None or problem.floored else float(np.exp(_ranked(quiet)[0]))
     return Test(float(least), rows, kept, [r[:, 0].copy() for r in residuals], quiet, excess, excess_p)
 
 

@@ -80,7 +80,8 @@ def discover_again(observed: Observations | None, limits: Limits, first: xr.Data
         return first.assign_attrs(believed="first")
     known = {"p_before": before.p_before, "p_quiet_before": before.p_quiet_before, "tried": before.tried}
     second_outcome = replace(second_outcome, adequate_before=before.adequate_before, **known)
-    return _product(observed, limits, result, second_outcome).assign_attrs(rebuilt=first.attrs.get("rebuilt", 0) + 1)
+    rebuilt = first.attrs.get("rebuilt", 0) + 1 + ("believed" in first.attrs)  # one set of records was passed over
+    return _product(observed, limits, result, second_outcome).assign_attrs(rebuilt=rebuilt)
 
 
 def check_causes(observed: Observations | None, model: Sequence[Entry]) -> None:
@@ -112,7 +113,8 @@ def with_limits(search: xr.Dataset, observed: Observations | None, limits: Limit
 def _choice(observed, limits):
     """Choice, settings of the rounds, from the Observations of a calibration and the Limits."""
     settings = limits.level, limits.tie, limits.rounds, observed.step, observed.tones, limits.segment_s
-    return Choice(*settings, observed.quiet, observed.noise_order, observed.spectra, observed.periods)
+    known = observed.quiet, observed.noise_order, observed.spectra, observed.periods
+    return Choice(*settings, *known, floored=observed.floored)
 
 
 def _searched(observed, limits, model, first=None):

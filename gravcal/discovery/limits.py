@@ -176,6 +176,9 @@ def _confirmed(problem, choice, row, at, candidates):
         named = rounds.names(replace(prepare(blocks, candidates), memory=problem.memory), choice)
         if any(row.cause in one and len(one) <= LARGEST_SET for one in named):
             at = {"size": size, "signal_to_noise": factor * row.signal_to_noise}
+            at["alone_from"] = row.alone_from and max(row.alone_from, size)
+            at["bias"] = row.bias and [factor * one for one in row.bias]
+            at["bias_in_sigma"] = row.bias_in_sigma and factor * row.bias_in_sigma
             return replace(row, confirmed=True, confused_with=sorted(confused), **at)
         confused |= {c for one in named for c in one} - {row.cause}
     return replace(row, confirmed=False, confused_with=sorted(confused))

@@ -162,6 +162,7 @@ class Problem:
     size: np.ndarray  #: (m,) norm less local columns, the scale of what a baseline leaves of a column
     samples: np.ndarray  #: (b,) number of rows that carry weight, less that of local columns
     memory: dict = field(default_factory=dict)  #: what follows from the blocks alone, made once
+    floored: bool = False  #: as in `Choice`
 
     @property
     def bases(self) -> list[np.ndarray]:

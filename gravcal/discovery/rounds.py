@@ -39,6 +39,7 @@ class Choice:
     order: Mapping[str, int] = field(default_factory=dict)  #: {channel: coefficients of its noise model}
     spectra: Mapping[str, Sequence[Spectrum]] = field(default_factory=dict)  #: {channel: of its axes}, with errors
     periods: Mapping[float, int] = field(default_factory=dict)  #: {s: highest harmonic}, at which no line is offered
+    floored: bool = False  #: True where the noise is more than what the record shows, so that little power is no alarm
     excess: bool = True  #: True to name power beyond noise that nothing else takes
 
     @property
@@ -112,6 +113,7 @@ def search(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng
 def begun(blocks: list[Block], candidates: list[Candidate], choice: Choice, rng, before=None) -> tuple:
     """State of a search, as `concluded` takes it, before excess power is named; `before`: baseline test if known."""
     problem, outliers = adequacy.without_outliers(prepare(blocks, candidates), choice.order)
+    problem = replace(problem, floored=choice.floored)
     noise = drawn_noise(problem, adequacy.DRAWS, choice.quiet, rng, choice.order, choice.spectra)
     before = before or adequacy.test(problem, baseline_of(problem, ()), noise)
     problem, chosen, first = _named(problem, choice)

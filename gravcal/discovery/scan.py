@@ -96,7 +96,7 @@ def offered(spectrum: Scan, periods: Mapping[float, int]) -> np.ndarray:
     at, gain = spectrum.at, spectrum.gain[:, 0]
     width = 2 * float(np.median(np.diff(np.unique(at)))) if np.unique(at).size > 1 else 0.0  # 1 / T
     harmonics = np.concatenate([np.zeros(0), *(np.arange(1, n + 1) / period for period, n in periods.items())])
-    harmonics = harmonics[(harmonics > at.min(initial=0.0)) & (harmonics < at.max(initial=0.0))]
+    harmonics = harmonics[harmonics < at.max(initial=0.0)]
     kept = np.ones(at.size, dtype=bool)
     for place in np.unique(spectrum.place) if harmonics.size else ():
         on_place = spectrum.place == place

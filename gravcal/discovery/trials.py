@@ -258,7 +258,7 @@ def excess_of(problem: Problem, excess: scan.Excess) -> Candidate | None:
         units, fixed = ("s", "s", "Hz", "Hz"), np.zeros((4, 4))
         shape = Shape(names, units, value, columns, value[None], value, value, covariance=fixed, words=words)
     low, high = sorted(1e3 * np.array(excess.band))
-    form = f"{words}, {excess.span[0]:.0f} to {excess.span[1]:.0f} s, {low:.0f} to {high:.0f} mHz"
+    form = f"{words}, {excess.span[0]:.0f} to {excess.span[1]:.0f} s, {low:.4g} to {high:.4g} mHz"
     names = [f"part_{k}" for k in range(count)]
     return Candidate(EXCESS, form, names, ["1"] * count, columns(value), shape=shape)
 

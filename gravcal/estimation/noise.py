@@ -164,7 +164,7 @@ def in_bands(values: np.ndarray, step_s: float, edges_hz) -> np.ndarray:
 TAPERS = 3  # sine tapers, at frequencies as many bins apart: as many ordinates as samples
 LEFT = 0.5  # least share of a tapered wave that the columns must leave for it to be used
 BEND, STEADY = 3.0, 2.0  # prior sigma of the change of log-log slope at a knot, of many pieces and of one series
-KNOTS, REWEIGHTED = 9, 4  # of the spectra of one series, rounds of reweighting
+KNOTS, REWEIGHTED = 17, 4  # of the spectra of one series, rounds of reweighting
 SCORINGS = 60  # Fisher scoring steps at most
 
 

@@ -46,10 +46,10 @@ def report(
     files = {"discovery.json": documents.text(document)}
     if outcome and outcome.findings and "model" in settings:  # a calibration that takes one
         change, added = outcome.calibration_change, None
-        covariance = change.covariance_of_findings
-        if combined and np.all(np.isfinite(np.array([change.correction, *covariance], dtype=float))):
-            row = {"calibration": calibration, "records": records, "unit": change.unit}
-            added = row | {"correction": change.correction, "covariance": covariance}
+        known = lambda one: np.nan_to_num(np.array(one, dtype=float)).tolist()  # noqa: E731 - null: no correction
+        if combined:
+            added = {"calibration": calibration, "records": records, "unit": change.unit}
+            added |= {"correction": known(change.correction), "covariance": known(change.covariance_of_findings)}
         extended = model_text(outcome.findings, event, settings["model"], added)
         files |= {"model.toml": extended} if extended else {}
     files["discovery.html"] = pages.page(

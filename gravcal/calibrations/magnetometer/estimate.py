@@ -41,6 +41,12 @@ GAP_S, PLACE_M = 2.5, 10e3
 ITERATIONS = 3  # of the noise by the residual of the solution with it
 
 
+def estimated(held: Sequence[str]) -> list[str]:
+    """Slugs of the effects that `estimate` fits, without the groups in `held`; a turned camera is a misalignment."""
+    slugs = [slug for group, slug in GROUPS.items() if group not in held]
+    return slugs + ["attitude.star_camera_misalignment"] * ("misalignment" not in held)
+
+
 def estimate(
     aligned: xr.Dataset, *, noise_order: int, field_noise_nt: float, parts: int, determined_ratio: float, held: tuple
 ) -> xr.Dataset:

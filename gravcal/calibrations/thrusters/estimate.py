@@ -100,8 +100,8 @@ def inflation(parts: list[Rows], present: list[np.ndarray], wrong: Iterable[list
         normal = sum(t.T @ t for t in shifted) - cross @ inverse @ cross.T
         right = sum(t.T @ y for t, y in zip(shifted, residual, strict=True))
         gains.append(float(right @ least_squares.stable_inverse(normal) @ right))
-        dof += right.size
-    return max(sum(gains) / dof, 1.0), np.array(gains)
+        dof += least_squares.rank(normal)
+    return max(sum(gains) / max(dof, 1), 1.0), np.array(gains)
 
 
 def wrong_times(parts: list[Rows], firings: Firings) -> Iterable[list[np.ndarray]]:
