@@ -555,7 +555,7 @@ def promote(calibration, name, why, who, json) -> None:
     made = configurations.promote(calibration, name, why, who)
     if output.delivered(made, json):
         output.say(f"{calibration}: {_promoted(made)}")
-        output.say("Links and reports follow with the next run or campaign; gravcal plan says what that makes again.")
+        output.say("Links and reports stay until the next run or campaign; gravcal plan says what that makes again.")
 
 
 def _promoted(one):  # text on a promotion, dict of `configurations.operational`

@@ -9,6 +9,7 @@ import sys
 import textwrap
 import traceback
 
+from gravcal import catalog
 from gravcal.errors import NoDataError, ProductError
 from gravcal.store import history, location
 from gravcal.store.product import foreword
@@ -249,8 +250,10 @@ def design(document, out, json_path):
         heads = ["told apart", "chi2, design", "odds", "chi2, published", "odds"]
         table(heads + ["told apart in flights"] * bool(flown), rows)
     if out:
-        flight = f"simulate {document['calibration']} --design {out / 'plan.toml'} --set date={document['date']}"
-        say(f"{out / 'plan.toml'}; fly it with gravcal {flight}, and --set for satellite {document['satellite']}")
+        known = {"date", "satellite"} & catalog.parameters(f"simulate_{document['calibration']}").entries.keys()
+        words = " ".join(f"--set {name}={document[name]}" for name in sorted(known))
+        flight = f"simulate {document['calibration']} --design {out / 'plan.toml'} {words} --out {out / 'data'}"
+        say(f"{out / 'plan.toml'}; fly it with gravcal {flight}")
 
 
 def table(heads, rows):
@@ -290,7 +293,7 @@ def unexpected(problem):
     if os.environ.get("GRAVCAL_DEBUG"):
         raise problem
     if isinstance(problem, OSError) and problem.filename:  # of a path that the user named
-        error(problem)
+        error(f"{problem.filename}: {problem.strerror}. Change what it allows, or name another place.")
         return
     where = location.folder() / "last-error.txt"
     try:

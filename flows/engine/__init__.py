@@ -290,6 +290,7 @@ def _through_prefect(body, name, listener, steps):
             return engine.resolve(ref)
 
     begun = servers.begin()
+    import dask.base  # noqa: F401 - before there are threads: two that import it at once fail
     import prefect  # noqa: F401 - takes seconds, while the server comes up
 
     with servers.running(begun) as url:

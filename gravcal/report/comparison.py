@@ -93,6 +93,13 @@ def difference(first, second):
     }
 
 
+def _word(value):
+    """Text of an entry of a document: yes or no, a list with commas, a dash for None."""
+    if isinstance(value, list):
+        return ", ".join(map(_word, value))
+    return "yes" if value is True else "no" if value is False else "–" if value is None else str(value)
+
+
 def tables(document):
     """[(heads, rows)] of a comparison document: settings that differ, values, and all other changes."""
     first, second = document["configurations"]
@@ -110,7 +117,7 @@ def tables(document):
         other += [[event["event"] + mark, "reason", "", why] for why in event["why"]]
         parts = {"": status, "verdict ": event["verdict"], "check ": event["checks"]}
         for kind, changed in parts.items():
-            other += [[event["event"] + mark, kind + n, str(a), str(b)] for n, (a, b) in changed.items()]
+            other += [[event["event"] + mark, kind + n, _word(a), _word(b)] for n, (a, b) in changed.items()]
     sides = [{n: pair[side] for n, pair in one["settings"].items()} for one in document["events"] for side in (0, 1)]
     changes = itertools.chain(*map(history.differences, sides[::2], sides[1::2]))
     settings = {(name, of + a, of + b) for name, of, a, b in changes}

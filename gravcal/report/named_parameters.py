@@ -97,11 +97,13 @@ def by_part(estimate):
         return None
     columns = min(known.size, 3)
     rows = -(-known.size // columns)
-    look = {"xlabel": "part", "margins": {"hspace": 0.45, "wspace": 0.4}}
-    figure, panels = grid(rows, columns, 0.5 + 1.25 * rows, sharex=True, **look)
+    figure, panels = grid(rows, columns, 0.5 + 1.25 * rows, sharex=True, margins={"hspace": 0.45, "wspace": 0.4})
     number = 1 + np.arange(estimate.sizes["part"])
     for panel in panels.ravel()[known.size :]:
         panel.set_visible(False)
+    for panel in panels.ravel()[known.size - columns : known.size]:  # the lowest of each column
+        panel.set_xlabel("part")
+        panel.tick_params(labelbottom=True)
     for panel, index in zip(panels.ravel(), known, strict=False):
         value, sigma = float(estimate["value"][index]), float(estimate["sigma"][index])
         name, unit = str(estimate["parameter"].values[index]).replace("_", " "), str(estimate["unit"].values[index])

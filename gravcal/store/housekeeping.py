@@ -145,8 +145,9 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
     """[(path, bytes)] unused: products that no link or pin needs, directly or as input; quarantine, locks and drafts.
 
     Younger ones than `keep_s`, by default an hour, stay. Of a store with more bytes than its quota the oldest go first,
-    none younger than an hour. Links of experiments whose names fit the pattern `configuration`, and that nobody has
-    promoted do not count once they are older, and go too, with their records. Without `remove` all are only named.
+    none younger than an hour. With a pattern `configuration` links of experiments whose names fit, which nobody has
+    promoted and which are older, go with their records and what only they need, and nothing else. Without `remove` all
+    are only named.
     """
     keep_s = (YOUNG_S if quota is None else math.inf) if keep_s is None else keep_s
     latest, dropped = location.folder() / "latest", []
@@ -159,8 +160,9 @@ def prune(keep_s=None, remove=False, quota=None, configuration=None):
         dropped += [one for one, name in records.items() if name in {*names} - young and _age_s(one) > keep_s]
     roots = {link for link in (*latest.glob("*/*"), *latest.glob("*/as/*/*"), *_pins().glob("*")) if link.is_symlink()}
     needed = store.ancestry(*(link.readlink().name for link in roots - set(dropped)))
-    unused = [folder for folder in folders() if folder.name not in needed]
-    for name in ("quarantine", "locks", "tmp"):  # the last two hold what was left when a process was killed
+    own = store.ancestry(*(link.readlink().name for link in dropped if link.is_symlink()))
+    unused = [one for one in folders() if one.name not in needed and (one.name in own or not configuration)]
+    for name in () if configuration else ("quarantine", "locks", "tmp"):  # the last two: of processes that were killed
         unused += sorted((location.folder() / name).glob("*"))
     to_remove, bytes_left = [(link, 0) for link in dropped], size() if quota is not None else 0
     for age, path in sorted(((_age_s(path), path) for path in unused), reverse=True):
