@@ -293,7 +293,7 @@ def unexpected(problem):
     if os.environ.get("GRAVCAL_DEBUG"):
         raise problem
     if isinstance(problem, OSError) and problem.filename:  # of a path that the user named
-        error(f"{problem.filename}: {problem.strerror}. Change what it allows, or name another place.")
+        error(f"{problem.filename}: {problem.strerror}. Check its permissions, or name another place.")
         return
     where = location.folder() / "last-error.txt"
     try:

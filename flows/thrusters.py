@@ -10,7 +10,6 @@ from gravcal.store import results
 from tasks import common, thrusters
 
 TWIN = {"A": "B", "B": "A", "C": "D", "D": "C"}
-ESTIMATED = "torque.thruster_firings", "unknown:star_camera_in_use", "timing.thruster_delay", "timing.star_camera_delay"
 TABLE = {"position_b": "thruster_position", "force_b": "thruster_force"}
 
 
@@ -68,7 +67,7 @@ DISCOVERY = Discovery(
     "gravcal.calibrations.thrusters.observations",
     records=aligned,
     products=products,
-    estimated=lambda _chosen: ESTIMATED,
+    estimated=lambda _chosen: sorted({*thrusters.observations.PRESENT, *thrusters.observations.DELAYS}),
 )
 CALIBRATION = Calibration(
     **stated(__file__),

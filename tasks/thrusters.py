@@ -6,6 +6,7 @@ from tasks.stage import lazy, stage
 
 model = lazy("gravcal.calibrations.thrusters.model")
 estimation = lazy("gravcal.calibrations.thrusters.estimate")
+observations = lazy("gravcal.calibrations.thrusters.observations")
 heads_science = lazy("gravcal.calibrations.thrusters.noise")
 named_parameters = lazy("gravcal.calibrations.named_parameters")
 reports = lazy("gravcal.report.named_parameters")

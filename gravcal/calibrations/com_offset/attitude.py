@@ -198,7 +198,7 @@ def windows(aligned: xr.Dataset, field: xr.Dataset, inertia, per_current, full: 
         near = (mag_time > origin - 2) & (mag_time < stop + 2) & (aligned["mag_flag"].values == 0)
         current = np.nan_to_num(aligned["current_b"].values[near])
         breaks, dipole_b = dipole_history(edges, level, rod, mag_time[near], current, per_current)
-        nodes = (orbit_time > origin - 31) & (orbit_time < stop + 31)
+        nodes = (orbit_time > origin - 31) & (orbit_time < stop + 31)  # past a gap of 30 s, which is bridged
         origin, stop = (origin, stop) if gap else np.clip([origin, stop], *orbit_time[nodes][[0, -1]])
         arc = Arc(
             origin=origin,
